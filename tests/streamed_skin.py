@@ -91,7 +91,7 @@ def part() -> np.ndarray:
 @cache
 def trained() -> Trained:
     """A small perceptron of it."""
-    return train.train_model(dataset(), part(), "mlp", RECIPE, 1)
+    return train.train_model(train.Split(dataset(), part()), "mlp", RECIPE, 1)
 
 
 @cache

@@ -257,7 +257,7 @@ def test_a_wrong_configuration_ends_the_program_with_code_1(tmp_path):
 def test_a_fault_waits_for_all_of_its_conditions(tmp_path):
     rig = Rig(configuration(tmp_path))
     line = {"fault": "protective_stop", "contact": 2, "depth_mm": 1.0, "force_N": 1.0}
-    rig.faults.waiting.append(read_fault(json.dumps(line)))
+    rig.faults.pending.append(read_fault(json.dumps(line)))
 
     def press(depth_mm: float, t: float) -> None:
         pose = np.array(CENTRE)

@@ -120,7 +120,7 @@ def test_a_line_says_the_simulated_readings_to_the_converters_step(tmp_path):
 
 
 def test_readings_above_the_converters_range_saturate():
-    assert eit.quantised(np.array([2.0]))[0] == eit.MOST_V
+    assert eit.quantised(np.array([2.0]))[0] == eit.MAX_V
 
 
 def test_every_drive_sees_the_force_of_its_own_moment(tmp_path):

@@ -1,4 +1,4 @@
-"""The forward model's own numerical error, on skins from easy to hard contacts."""
+"""The numerical error of the forward model, on skins from easy to hard contacts."""
 
 from pathlib import Path
 
@@ -13,13 +13,14 @@ from eitskin.physics.protocol import channel_table
 from eitskin.progress import patient
 from eitskin.simulate.layout import polar_grid
 
-PROBES_MM = (7.0, 10.0, 15.0)
-OUT = Path("results/accuracy.csv")
+PROBES_MM = (7.0, 10.0, 15.0)  # diameters: over the range of usual probes
+CSV = Path("results/accuracy.csv")
 
 
 def table(geometries: dict[str, Geometry]) -> pd.DataFrame:
-    """One row a skin and named accuracy: RMS error over channels of the median |v|, and the largest
-    relative error of a touch's change over the paper's 192 places and three probes."""
+    """One row for each skin and named accuracy: RMS error over channels relative to the median |v|,
+    and the largest relative error of a touch's change over the paper's 192 places and three probes.
+    """
     rows = []
     n = len(next(iter(geometries.values())).electrode_deg)
     channels = channel_table(n)
@@ -34,7 +35,9 @@ def table(geometries: dict[str, Geometry]) -> pd.DataFrame:
         worst = dict.fromkeys(ACCURACIES, 0.0)
         grid = polar_grid(geometry.radius_mm, 8, 24, 0.1, 0.9, 0.0)
         places = [
-            (x, y, p / 2) for p in PROBES_MM for x, y in zip(grid.x_mm, grid.y_mm, strict=True)
+            (x, y, probe_mm / 2)
+            for probe_mm in PROBES_MM
+            for x, y in zip(grid.x_mm, grid.y_mm, strict=True)
         ]
         for place in patient(places, f"{name}, places"):
             true = finest.place(*place).channel_change(channels, CONTRASTS)
@@ -66,20 +69,24 @@ def table(geometries: dict[str, Geometry]) -> pd.DataFrame:
 def main() -> None:
     """Print the table for skins from easy to hard contacts and write it to results/accuracy.csv."""
     angles = np.arange(16) * 22.5
-    each = np.ones(len(angles))
+    per_electrode = np.ones(len(angles))
     geometries = {
-        "points": Geometry(80.0, 3.0, 0.5, angles, 0.0 * each, 0.0 * each),
+        "points": Geometry(80.0, 3.0, 0.5, angles, 0.0 * per_electrode, 0.0 * per_electrode),
         **{
-            f"5 mm, {z:g} ohm m2": Geometry(80.0, 3.0, 0.5, angles, 5.0 * each, z * each)
+            f"5 mm, {z:g} ohm m2": Geometry(
+                80.0, 3.0, 0.5, angles, 5.0 * per_electrode, z * per_electrode
+            )
             for z in (1e-2, 2e-3, 5e-4)
         },
-        "14 mm, 0.0001 ohm m2": Geometry(80.0, 3.0, 0.5, angles, 14.0 * each, 1e-4 * each),
+        "14 mm, 0.0001 ohm m2": Geometry(
+            80.0, 3.0, 0.5, angles, 14.0 * per_electrode, 1e-4 * per_electrode
+        ),
     }
     result = table(geometries)
-    with atomic_path(OUT) as temporary:
+    with atomic_path(CSV) as temporary:
         result.to_csv(temporary, index=False)
     print(result.to_string(index=False, float_format=lambda v: f"{v:.2g}"))
-    print(f"written to {OUT}")
+    print(f"written to {CSV}")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What diagnoses of 500 frames take, one at a time and two at once."""
+"""Time and memory of diagnoses of 500 frames, one at a time and two at once."""
 
 import contextlib
 import io
@@ -25,14 +25,14 @@ DRAWN = (
     "single:conductivity-drift+rig",
     "outside:gain-range+rig",
 )
-DIAGNOSIS_S, WORST_S, DIAGNOSIS_MIB = 30.0, 120.0, 4096.0
+DIAGNOSIS_S, WORST_S, DIAGNOSIS_MIB = 30.0, 120.0, 4096.0  # limits: half a minute usually, 4 GiB
 
 
 def diagnose(kind: str, seed: int, frames: int, cores: int) -> tuple[float, float]:
-    """Draw a recording and diagnose it as `eitskin diagnose` does on so many cores, report and all.
+    """Draw a recording and diagnose it as by `eitskin diagnose` on so many cores, with its report.
 
-    Returns seconds and the process's peak memory in MiB, of the diagnosis: call it in a fresh
-    process. Raises RuntimeError where the diagnosis fails.
+    Returns the seconds of the diagnosis and the process's peak memory in MiB; to be called in a
+    fresh process. Raises RuntimeError where the diagnosis fails.
     """
     with TemporaryDirectory() as folder:
         path = Path(folder) / "drawn.parquet"
@@ -43,8 +43,8 @@ def diagnose(kind: str, seed: int, frames: int, cores: int) -> tuple[float, floa
 
 
 def diagnosis(path: Path, *options: str) -> tuple[float, float]:
-    """Seconds of `eitskin diagnose` of a recording, and the process's peak memory in MiB; its
-    folder `out` is made beside the file. Raises RuntimeError where it fails."""
+    """Seconds of `eitskin diagnose` of a recording, and the process's peak memory in MiB; the
+    folder `out` is written beside the file. Raises RuntimeError where it fails."""
     start = time.perf_counter()
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         code = cli.main(["diagnose", str(path), "--out", str(path.with_name("out")), *options])
@@ -55,25 +55,29 @@ def diagnosis(path: Path, *options: str) -> tuple[float, float]:
 
 
 def diagnosed(runs: int) -> list[dict]:
-    """Seconds and peak memory of diagnoses of 500 frames, beside what they may take.
+    """Seconds and peak memory of diagnoses of 500 frames, beside limits.
 
     `runs` recordings of 16 electrodes, of the kinds DRAWN in turn, drawn by `witness`; each in a
-    fresh process, first one after the other on two cores, then two at a time on one each.
+    fresh process, first one after another on two cores, then two at a time on one core each.
     """
-    found = []
-    for at_once, words in ((1, ""), (2, ", two at once")):
-        cores = 2 // at_once
-        drawn = [(DRAWN[i % len(DRAWN)], 1 + i // len(DRAWN), FRAMES, cores) for i in range(runs)]
-        pool = ProcessPoolExecutor(at_once, get_context("spawn"), max_tasks_per_child=1)
+    table_rows = []
+    for parallel, words in ((1, ""), (2, ", two at once")):
+        cores = 2 // parallel
+        jobs = [(DRAWN[i % len(DRAWN)], 1 + i // len(DRAWN), FRAMES, cores) for i in range(runs)]
+        pool = ProcessPoolExecutor(parallel, get_context("spawn"), max_tasks_per_child=1)
         with pool:
-            done = pool.map(diagnose, *zip(*drawn, strict=True))
-            told = [next(done) for _ in patient(range(runs), f"diagnosed{words}, runs")]
-        seconds, peaks = zip(*told, strict=True)
-        for name, unit, values, limit, of in (
+            results_in_order = pool.map(diagnose, *zip(*jobs, strict=True))
+            measurements = [
+                next(results_in_order) for _ in patient(range(runs), f"diagnosed{words}, runs")
+            ]
+        seconds, peaks = zip(*measurements, strict=True)
+        for name, unit, values, limit, statistic in (
             ("median", "s", seconds, DIAGNOSIS_S, statistics.median),
             ("worst", "s", seconds, WORST_S, max),
             ("memory, most", "MiB", peaks, DIAGNOSIS_MIB, max),
         ):
             title = f"limit for {FRAMES} frames"
-            found.append(rows.row(f"diagnosed{words}, {name}", unit, values, title, [limit], of))
-    return found
+            table_rows.append(
+                rows.row(f"diagnosed{words}, {name}", unit, values, title, [limit], statistic)
+            )
+    return table_rows

@@ -1,7 +1,7 @@
-"""Finite elements on triangles, the sheet conductance given element by element.
+"""Finite elements on triangles, with a sheet conductance for each element.
 
-For whatever no formula covers (images, any mesh, any outline) and as an independent witness of the
-exact forward model. scikit-fem assembles; the factors are SciPy's.
+For cases without a formula (images, any mesh, any outline) and as an independent check of the exact
+forward model. Assembly by scikit-fem, factorisation by SciPy.
 """
 
 from functools import cached_property
@@ -27,7 +27,7 @@ from eitskin.errors import InputError
 from eitskin.physics.forward import TouchModes, channel_values
 
 ELEMENT_TYPES = {1: ElementTriP1, 2: ElementTriP2}
-LARGEST_RESIDUAL = 1e-9
+LARGEST_RESIDUAL = 1e-9  # of a unit current: far above rounding on sound meshes
 
 _laplace = BilinearForm(lambda u, v, _: dot(grad(u), grad(v)))
 _mass = BilinearForm(lambda u, v, _: u * v)
@@ -35,10 +35,10 @@ _flux = LinearForm(lambda v, _: 1.0 * v)
 
 
 class _RimMapping(MappingIsoparametric):  # type: ignore[misc]  # skfem has no types
-    """Isoparametric mapping whose inverse allows for the rounding of small graded elements.
+    """Isoparametric mapping whose inverse tolerates the rounding of small graded elements.
 
-    scikit-fem asks for 1e-12 of the element, which coordinates near 1 cannot give to elements
-    below 1e-3; Newton's last step is quadratic, so that what remains is rounding alone.
+    scikit-fem demands 1e-12 of the element, which coordinates near 1 cannot reach for elements
+    below 1e-3; Newton's last step is quadratic, so that only rounding remains.
     """
 
     def invF(self, x: np.ndarray, tind: np.ndarray | None = None) -> np.ndarray:
@@ -133,13 +133,13 @@ class FiniteElements:
         return body + self._contact_matrix
 
     def factored(self, conductance: np.ndarray) -> "FactoredElements":
-        """Factor the system once; `conductance` as in `stiffness`."""
+        """The factored system; `conductance` as in `stiffness`."""
         return FactoredElements(self, np.asarray(conductance, dtype=float))
 
     def transfer_impedance(self, conductance: np.ndarray) -> np.ndarray:
         """Transfer impedance (n, n) in ohm; rows and columns sum to 0 (sum of U is 0).
 
-        [i, j]: potential of electrode i for a unit current into j, drawn evenly from them all.
+        [i, j]: potential of electrode i for a unit current into j, drawn evenly from all.
         """
         return self.factored(conductance).transfer_impedance
 
@@ -158,8 +158,10 @@ class FactoredElements:
         self.elements = elements
         self.conductance = conductance
         self._ground = elements._terminals[-1]
-        self._kept = np.delete(np.arange(elements._size), self._ground)
-        self._matrix = elements.stiffness(conductance)[self._kept][:, self._kept].tocsc()
+        self._free_nodes = np.delete(np.arange(elements._size), self._ground)
+        self._matrix = elements.stiffness(conductance)[self._free_nodes][
+            :, self._free_nodes
+        ].tocsc()
         self._factors: SuperLU = splu(
             self._matrix,
             permc_spec="MMD_AT_PLUS_A",
@@ -170,7 +172,7 @@ class FactoredElements:
     def solve(self, currents: np.ndarray) -> np.ndarray:
         """Potentials (unknowns, P) in V for `currents` (unknowns, P) in A, last electrode at 0."""
         potentials = np.zeros_like(currents)
-        potentials[self._kept] = self._factors.solve(currents[self._kept])
+        potentials[self._free_nodes] = self._factors.solve(currents[self._free_nodes])
         return potentials
 
     @cached_property
@@ -180,10 +182,10 @@ class FactoredElements:
         currents = np.zeros((self.elements._size, len(terminals)))
         currents[terminals, np.arange(len(terminals))] = 1.0
         fields = self.solve(currents)
-        lost = np.max(abs(self._matrix @ fields[self._kept] - currents[self._kept]))
-        if not lost < LARGEST_RESIDUAL:
+        residual = np.max(abs(self._matrix @ fields[self._free_nodes] - currents[self._free_nodes]))
+        if not residual < LARGEST_RESIDUAL:
             raise InputError(
-                "finite elements", "mesh", f"{lost:.1e} of a current lost", "no slivers"
+                "finite elements", "mesh", f"{residual:.1e} of a current lost", "no slivers"
             )
         return fields
 
@@ -211,17 +213,17 @@ class FactoredElements:
         change = np.zeros((len(nodes), len(nodes)))
         np.add.at(change, (position.T[:, :, None], position.T[:, None, :]), local)
         values, vectors = eigh(change)
-        carried = values > values[-1] * len(nodes) * np.finfo(float).eps
-        root = vectors[:, carried] * np.sqrt(values[carried])
+        has_stiffness = values > values[-1] * len(nodes) * np.finfo(float).eps
+        root = vectors[:, has_stiffness] * np.sqrt(values[has_stiffness])
 
         currents = np.zeros((self.elements._size, root.shape[1]))
         currents[nodes] = root
         potentials = self.solve(currents)[nodes]
-        d, turned = eigh(root.T @ potentials)
+        eigenvalues, rotation = eigh(root.T @ potentials)
         fields = self.fields[nodes] - self.fields[nodes].mean(axis=1, keepdims=True)
-        g = fields.T @ root @ turned
-        seen = (g**2).sum(axis=0) > np.finfo(float).eps * (g**2).sum()
-        return TouchModes(g[:, seen], d[seen])
+        gains = fields.T @ root @ rotation
+        has_gain = (gains**2).sum(axis=0) > np.finfo(float).eps * (gains**2).sum()
+        return TouchModes(gains[:, has_gain], eigenvalues[has_gain])
 
 
 def straight_mesh(nodes: np.ndarray, elements: np.ndarray) -> MeshTri:

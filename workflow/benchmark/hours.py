@@ -1,5 +1,5 @@
-"""What a workflow's results cost, from Snakemake's benchmark files, as a Markdown table:
-`python -m benchmark.hours [logs/benchmarks]`."""
+"""The processor time of a workflow's results, from Snakemake's benchmark files, as a Markdown
+table: `python -m benchmark.hours [logs/benchmarks]`."""
 
 import sys
 from pathlib import Path
@@ -10,16 +10,16 @@ from eitskin.errors import InputError
 
 FOLDER = Path("logs", "benchmarks")
 TEACHERS = ("train_autoencoder", "train_regressor")
-TESTED = "evaluate"
-OF_MODELS = ("train_predictor", TESTED, *TEACHERS)
+TEST_RULE = "evaluate"
+MODEL_RULES = ("train_predictor", TEST_RULE, *TEACHERS)
 COLUMNS = ["set", "split", "budget", "what", "jobs", "minutes"]
 
 
 def costs(folder: Path) -> pd.DataFrame:
-    """Rows (COLUMNS), processor minutes of the jobs whose benchmark files lie in a folder, the
-    latest run of each, 0 of one that was too short to be measured: a row a model, set, split and
-    budget, one of their teachers, then one of every other rule. Raises InputError where there is
-    no such file, and for one of another form."""
+    """Rows (COLUMNS): processor minutes of the jobs with benchmark files in a folder, the latest
+    run of each, 0 for one too short to be measured. One row for each model, set, split and budget
+    and for their teachers, then one for every other rule. Raises InputError without files and for
+    files of another form."""
     jobs = []
     for file in sorted(folder.rglob("*.tsv")):
         try:
@@ -32,17 +32,17 @@ def costs(folder: Path) -> pd.DataFrame:
             raise InputError(file, "columns", list(table.columns), "cpu_time among them")
         rule, *names = file.relative_to(folder).with_suffix("").parts
         minutes = table["cpu_time"].sum() / 60.0
-        if rule in OF_MODELS and len(names) >= 4:
-            own, split, budget, model = names[:4]
-            what = "teachers" if rule in TEACHERS else model
-            jobs.append((own, split, budget, what, int(rule != TESTED), minutes))
+        if rule in MODEL_RULES and len(names) >= 4:
+            dataset, split, budget, model = names[:4]
+            model_or_rule = "teachers" if rule in TEACHERS else model
+            jobs.append((dataset, split, budget, model_or_rule, int(rule != TEST_RULE), minutes))
         else:
             jobs.append(("", "", "", rule, 1, minutes))
     if not jobs:
         raise InputError(folder, "benchmark files", "none", "what a run of the workflow left")
     table = pd.DataFrame(jobs, columns=COLUMNS).groupby(COLUMNS[:4], as_index=False).sum()
-    rest = table["set"] == ""
-    return pd.concat([table[~rest], table[rest]], ignore_index=True)
+    is_rule = table["set"] == ""
+    return pd.concat([table[~is_rule], table[is_rule]], ignore_index=True)
 
 
 def to_markdown(table: pd.DataFrame) -> str:
@@ -58,7 +58,7 @@ def to_markdown(table: pd.DataFrame) -> str:
 
 
 def run(arguments: list[str]) -> int:
-    """The command; its exit code."""
+    """Run the command; returns its exit code."""
     if len(arguments) > 1 or arguments[:1] in (["-h"], ["--help"]):
         print("usage: python -m benchmark.hours [FOLDER]", file=sys.stderr)
         return 2

@@ -21,11 +21,11 @@ import pandas as pd
 from eitskin import configuration
 from eitskin.data import dataset, splits
 from eitskin.exported.channels import strength
-from eitskin.exported.electrodes import using
+from eitskin.exported.electrodes import channels_using
 from eitskin.exported.predictor import Predictor, read
 from eitskin.limit.observation import SessionModel
 from eitskin.limit.posterior_mean import Starts, estimate, experiment_of
-from eitskin.limit.score import sessions_again
+from eitskin.limit.score import resampled_sessions
 from eitskin.progress import patient
 
 PAIRS, SEED = 30, 1
@@ -37,12 +37,12 @@ DRAWN = 32  # pairs of draws from each posterior
 def errors(predictor: Predictor, change: np.ndarray, lost: tuple[int, ...]) -> tuple:
     """States (N, T) of changes (N, M) without electrodes, and half their intervals (N, T)."""
     table = np.array(predictor.header["dataset"]["channels"])
-    missing = np.flatnonzero(using(table, lost))
+    missing = np.flatnonzero(channels_using(table, lost))
     z = change / predictor.scale
     number = np.searchsorted(predictor.channels.edges, strength(np.delete(z, missing, axis=1)))
     if not lost:
         return predictor.states(change), predictor.half[number]
-    filled = predictor.channels.filled_alike(z, missing) * predictor.scale
+    filled = predictor.channels.filled_together(z, missing) * predictor.scale
     half = np.array([predictor.half_of(int(index), lost) for index in number])
     return predictor.states_without(filled, lost), half
 
@@ -52,12 +52,12 @@ def limit(
 ) -> np.ndarray:
     """(N, 3): posterior means of x mm, y mm and F N given changes (N, M) without electrodes."""
     table = model.experiment.channels
-    channels = np.setdiff1d(np.arange(len(table)), np.flatnonzero(using(table, lost)))
-    model = replace(model, read=channels)
+    channels = np.setdiff1d(np.arange(len(table)), np.flatnonzero(channels_using(table, lost)))
+    model = replace(model, read_channels=channels)
     means = []
     for k, touch in enumerate(change):
         rng = np.random.default_rng([SEED, k])
-        posterior = estimate(model, touch[channels], starts.of(touch, channels), DRAWN, rng)
+        posterior = estimate(model, touch[channels], starts.nearest(touch, channels), DRAWN, rng)
         means.append(posterior["mean"])
     return np.array(means)
 
@@ -128,7 +128,7 @@ def _row(name: str, parts: list[tuple]) -> dict:
         return row
     limit_error = np.concatenate([part[3] for part in parts])
     row |= {f"limit_{key}": value for key, value in _sizes(limit_error).items()}
-    resamples = sessions_again(pd.DataFrame({"session": session}), SEED)
+    resamples = resampled_sessions(pd.DataFrame({"session": session}), SEED)
     times = [_times(error[index], limit_error[index]) for index in resamples]
     for key, value in _times(error, limit_error).items():
         low, high = np.quantile([part[key] for part in times], [0.025, 0.975])
@@ -158,7 +158,7 @@ def model_of(data: dataset.Dataset, config: dict) -> SessionModel | None:
         return None
     skin, effects = config["skin"], entry["effects"]
     frames = entry["session_frames"], entry["continuous"]
-    return experiment_of(data, skin, config["accuracy"], effects, *frames).unknown()
+    return experiment_of(data, skin, config["accuracy"], effects, *frames).prior_session()
 
 
 def main() -> int:

@@ -1,4 +1,4 @@
-"""benchmarks/README.md from the files beside it that `benchmark.speed` writes:
+"""benchmarks/README.md from the files of `benchmark.speed` beside it:
 `python -m benchmark.page`."""
 
 import json
@@ -67,7 +67,7 @@ From a frame to its verdict on one core, for models of Table I, beside a limit o
 clock, and in this thread's processor time; the state alone beside PyTorch; the MLP without an
 electrode, and the whole loop.""",
 }
-REASONS = (  # of rows that fall short, the first that fits
+REASONS = (  # why rows fall short: the first whose pattern matches
     (r"perturbed, memory of", "the states of all samples are drawn at once, 56 bytes each"),
     (
         r"streamed, (cnn|transformer)\b",
@@ -88,25 +88,26 @@ UNKNOWN = "the reason is not known"
 
 
 def page(folder: Path) -> str:
-    """The whole page, a bench a section; of a bench without its file it says that it was not
-    measured."""
+    """The page, with one section for each bench; one without a file is stated as not measured."""
     return "\n".join([HEAD, *(section(name, folder / f"{name}.json") for name in COMPARED)])
 
 
 def section(name: str, file: Path) -> str:
-    """What is compared, of what and where it was measured, a line a row, what falls short."""
+    """The section of a bench: the comparison, the conditions, a line for each row, shortfalls."""
     head = f"## {name}\n\n{COMPARED[name]}\n"
     if not file.exists():
         return f"{head}\nNot measured yet: `python -m benchmark.speed {name}`.\n"
     rows = json.loads(file.read_text(encoding="utf-8"))
     table = ["| | unit | ours | beside | | ratio | runs |", "|---|---|---|---|---|---|---|"]
-    short = [f"- {shortfall(row)}" for row in rows if falls_short(row)]
-    told = ["What falls short:", "", *short] if short else ["Nothing here falls short."]
-    return "\n".join([head, where(rows[0]), "", *table, *map(line, rows), "", *told, ""])
+    short_lines = [f"- {shortfall(row)}" for row in rows if falls_short(row)]
+    shortfalls = (
+        ["What falls short:", "", *short_lines] if short_lines else ["Nothing here falls short."]
+    )
+    return "\n".join([head, conditions(rows[0]), "", *table, *map(line, rows), "", *shortfalls, ""])
 
 
-def where(row: dict) -> str:
-    """The command, the commit, the machine, and what others took of it."""
+def conditions(row: dict) -> str:
+    """The command, the commit, the machine, and the cores used by other work."""
     machine = row["machine"]
     return (
         f"`{row['command']}`, commit `{row['commit']}`, on {machine['processor']}, "
@@ -130,7 +131,7 @@ def line(row: dict) -> str:
 
 
 def spread(value: float, runs: list[float]) -> str:
-    """A value with the least and the greatest of its runs, where there are several."""
+    """A value, with the least and the greatest of several runs."""
     if len(runs) == 1:
         return digits(value)
     return f"{digits(value)} ({digits(min(runs))} to {digits(max(runs))})"
@@ -144,13 +145,13 @@ def digits(value: float) -> str:
 
 
 def falls_short(row: dict) -> bool:
-    """Whether ours is worse than what stands beside it: lower of what is a rate, else higher."""
+    """Whether our value is worse than the peer's: lower for a rate, otherwise higher."""
     return row["ratio"] < 1.0 if row["unit"].endswith(("/s", "/h")) else row["ratio"] > 1.0
 
 
 def shortfall(row: dict) -> str:
-    """A sentence of a row that falls short, with the reason."""
-    reason = next((why for name, why in REASONS if re.match(name, row["name"])), UNKNOWN)
+    """A sentence on a row that falls short, with the reason."""
+    reason = next((text for name, text in REASONS if re.match(name, row["name"])), UNKNOWN)
     ours, peer = digits(row["ours"]), digits(row["peer"])
     return f"{row['name']}, {ours} {row['unit']}; {row['peer_name']}, {peer}: {reason}."
 

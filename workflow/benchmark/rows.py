@@ -1,4 +1,4 @@
-"""A line of a bench, with every run's value; where and of what it was measured."""
+"""A row of a bench with the value of every run, and the conditions of the measurement."""
 
 import os
 import platform
@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-MEASURED = ("workflow", "config.yaml")  # what a bench runs, of the repository
+MEASURED = ("workflow", "config.yaml")  # the paths of the repository that a bench runs
 
 
 def row(
@@ -19,27 +19,26 @@ def row(
     ours: Sequence[float],
     peer_name: str,
     peer: Sequence[float],
-    of: Callable[[Sequence[float]], float] = statistics.median,
+    statistic: Callable[[Sequence[float]], float] = statistics.median,
 ) -> dict:
-    """One line of a bench: `of` the values of the runs on each side, a limit being one value;
+    """One row of a bench: the statistic over the runs on each side, a limit being one value;
     ratio = ours / peer."""
-    middle, beside = of(ours), of(peer)
+    ours_value, peer_value = statistic(ours), statistic(peer)
     return {
         "name": name,
         "unit": unit,
-        "ours": middle,
+        "ours": ours_value,
         "ours_runs": list(ours),
         "peer_name": peer_name,
-        "peer": beside,
+        "peer": peer_value,
         "peer_runs": list(peer),
-        "ratio": middle / beside,
+        "ratio": ours_value / peer_value,
         "runs": len(ours),
     }
 
 
 def commit() -> str:
-    """The commit that is checked out; " with edits" where what is measured differs from it,
-    "unknown" where git does not tell."""
+    """The checked-out commit; " with edits" where MEASURED differs, "unknown" without git."""
     try:
         head = _git("rev-parse", "HEAD")
         edits = _git("status", "--porcelain", "--untracked-files=no", "--", *MEASURED)
@@ -54,7 +53,7 @@ def _git(*arguments: str) -> str:
 
 
 def machine() -> dict:
-    """Processor, cores that this process may use, memory in GiB."""
+    """The processor, the cores available to this process, the memory in GiB."""
     return {
         "processor": processor(Path("/proc/cpuinfo")),
         "cores": len(os.sched_getaffinity(0)),
@@ -62,27 +61,27 @@ def machine() -> dict:
     }
 
 
-def processor(told: Path) -> str:
-    """The model that the file tells; the architecture where it tells none."""
-    text = told.read_text(encoding="utf-8") if told.exists() else ""
+def processor(cpuinfo: Path) -> str:
+    """The processor's model in the file; the architecture where it has none."""
+    text = cpuinfo.read_text(encoding="utf-8") if cpuinfo.exists() else ""
     model = re.search(r"^model name\s*:\s*(.+)$", text, re.MULTILINE)
     return model[1] if model else platform.machine()
 
 
-class Others:
-    """How many cores other work on the machine takes, from now on."""
+class OtherWork:
+    """The number of cores that other work on the machine uses, from now on."""
 
     def __init__(self) -> None:
-        self.began, self.before = time.perf_counter(), self._seconds()
+        self.start, self.busy_before = time.perf_counter(), self._seconds()
 
     @staticmethod
     def _seconds() -> float:
-        """Processor seconds of the whole machine, without this process and its ended children."""
+        """Processor seconds of the machine without this process and its ended children."""
         words = Path("/proc/stat").read_text(encoding="utf-8").split("\n")[0].split()
         user, nice, system, _, _, interrupts, soft, *_ = map(int, words[1:])
         busy = (user + nice + system + interrupts + soft) / os.sysconf("SC_CLK_TCK")
         return busy - sum(os.times()[:4])
 
     def cores(self) -> float:
-        """Their mean until now."""
-        return (self._seconds() - self.before) / (time.perf_counter() - self.began)
+        """The mean number of cores since the start."""
+        return (self._seconds() - self.busy_before) / (time.perf_counter() - self.start)

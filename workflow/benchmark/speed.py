@@ -1,13 +1,13 @@
 """How fast, side by side with peers in one run: `python -m benchmark.speed [NAME ...]`.
 
 Writes benchmarks/NAME.json, a list of rows (`benchmark.rows`), each with the command, the commit,
-the machine and what others took of it; `benchmark.page` makes a page of them.
+the machine and the cores used by other work; `benchmark.page` makes a page of them.
 
-`clean`: every side computes the same thing, the 208 voltages of a sheet with 16 point electrodes
-for 192 places and 260 strengths of one circular touch. Slow peers are timed on a few samples,
-spread evenly over all. What a side prepares once counts in its time, but for what favours the
-peers: the mesh, the element matrices and the touched elements' stiffness are there before. Before
-timing, every solver on pyEIT's mesh must give the same voltages. The others: see there.
+`clean`: every side computes the same 208 voltages of a sheet with 16 point electrodes for 192
+places and 260 strengths of one circular touch. Slow peers are timed on a few samples, spread evenly
+over all. Preparation counts in the time, except for what favours the peers: the mesh, the element
+matrices and the touched elements' stiffness are computed before. Before timing, every solver on
+pyEIT's mesh must give the same voltages. For the other benches see their functions.
 """
 
 import argparse
@@ -43,8 +43,8 @@ from eitskin.simulate.stages import Stage
 
 N = 16
 CHANNELS = channel_table(N)
-MESH_SIZE = 0.05
-TOUCH_RADIUS = 0.1
+MESH_SIZE = 0.05  # of the disc's radius
+TOUCH_RADIUS = 0.1  # of the disc's radius: the paper's probe
 PLACES = np.array(
     [
         (r * np.cos(angle), r * np.sin(angle))
@@ -53,18 +53,18 @@ PLACES = np.array(
     ]
 )
 CONTRASTS = 9.0 * np.linspace(0.0, 1.0, 261)[1:]
-AGREEMENT = 1e-10
-TIMES = {"radii": 5, "angles": 4}  # of the grid's: 20 times the places
-LIMIT_S, LIMIT_MIB = 120.0, 2048.0
-SKINS_A_SECOND = 10.0  # five times what was measured before
-TRAINED, EPOCHS = 8000, 40
+AGREEMENT = 1e-10  # of the largest voltage, far above rounding
+TIMES = {"radii": 5, "angles": 4}  # factors of the grid: 20 times the places
+LIMIT_S, LIMIT_MIB = 120.0, 2048.0  # of a set: two minutes, a laptop with 4 GiB
+SKINS_A_SECOND = 10.0  # five times the rate before sessions were shared among cores
+TRAINED, EPOCHS = 8000, 40  # long enough that weights decay to subnormal numbers
 
 Samples = list[tuple[int, int]]
 Solver = Callable[[Samples], np.ndarray]
 
 
 class MeshSamples:
-    """pyEIT's mesh and its touches: samples are (place, strength) pairs of indices."""
+    """pyEIT's mesh and its touches; a sample is a pair of indices (place, strength)."""
 
     def __init__(self) -> None:
         # pyeit has no types.
@@ -92,11 +92,11 @@ class MeshSamples:
         return conductance
 
     def by_pyeit(self, samples: Samples) -> np.ndarray:
-        """pyEIT's solve_eit, a sample at a time; its measurement is u[minus] - u[plus]."""
+        """pyEIT's solve_eit, one sample at a time; its measurement is u[minus] - u[plus]."""
         return -np.array([self.pyeit.solve_eit(self.conductance(*s)) for s in samples])
 
     def by_factoring(self, samples: Samples) -> np.ndarray:
-        """SciPy: one sparse factorisation a sample, all electrodes solved from it."""
+        """SciPy: one sparse factorisation for each sample, with which all electrodes are solved."""
         return np.array(
             [
                 channel_values(
@@ -107,7 +107,7 @@ class MeshSamples:
         )
 
     def by_touch_modes(self, _: Samples) -> np.ndarray:
-        """Closed form in the strength, on the same mesh: every sample there is, (C, M)."""
+        """Closed form in the strength on the same mesh: all samples (C, M)."""
         factored = self.elements.factored(self.background)
         untouched = channel_values(factored.transfer_impedance, CHANNELS)
         values = np.empty((len(PLACES), len(CONTRASTS), len(CHANNELS)))
@@ -120,12 +120,12 @@ class MeshSamples:
 class Woodbury:
     """SciPy: the untouched sheet factored once, each sample corrected by a small dense solve.
 
-    With `kept`, what depends on the place alone is computed once a place, not once a sample.
-    The factorisation counts in the time.
+    With `caches_places`, quantities of the place alone are computed once for each place, not for
+    each sample. The factorisation counts in the time.
     """
 
-    def __init__(self, sheet: MeshSamples, kept: bool):
-        self.sheet, self.kept = sheet, kept
+    def __init__(self, sheet: MeshSamples, caches_places: bool):
+        self.sheet, self.caches_places = sheet, caches_places
         self.changes = [self._change(touched) for touched in sheet.touched]
 
     def _change(self, touched: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -156,15 +156,15 @@ class Woodbury:
         fields = np.zeros((size, N))
         fields[free] = factors.solve(currents[free])
         untouched = fields[terminals]
-        known: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        place_columns: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         values = np.empty((len(samples), len(CHANNELS)))
         for row, (place, strength) in enumerate(samples):
             nodes, change = self.changes[place]
-            if not self.kept or place not in known:
-                known[place] = self._columns(factors, free, nodes, change)
-            moved, response = known[place]
+            if not self.caches_places or place not in place_columns:
+                place_columns[place] = self._columns(factors, free, nodes, change)
+            stiffness_change, response = place_columns[place]
             system = np.eye(len(nodes)) / CONTRASTS[strength] + response
-            correction = fields[nodes].T @ np.linalg.solve(system, moved @ fields[nodes])
+            correction = fields[nodes].T @ np.linalg.solve(system, stiffness_change @ fields[nodes])
             values[row] = channel_values(untouched - correction, CHANNELS)
         return values
 
@@ -180,7 +180,7 @@ class Woodbury:
 
 
 def by_forward_model(_: Samples) -> np.ndarray:
-    """eitskin's own forward model at `train` accuracy: every sample there is, (C, M)."""
+    """eitskin's forward model at `train` accuracy: all samples (C, M)."""
     radius_mm, points = 80.0, np.zeros(N)
     forward = Forward(
         Geometry(radius_mm, 1.0, 1000.0, 360.0 * np.arange(N) / N, points, points), "train"
@@ -200,13 +200,13 @@ def spread_samples(count: int) -> Samples:
 
 
 def rates(solver: Solver, samples: Samples, runs: int) -> list[float]:
-    """Samples a processor second, run by run; a first run that only warms up is not counted."""
+    """Samples in a processor second, for each run, without a first run that warms up."""
     solver(samples)
-    found = []
+    sample_rates = []
     for _ in range(runs):
         start = time.process_time()
-        found.append(len(solver(samples)) / (time.process_time() - start))
-    return found
+        sample_rates.append(len(solver(samples)) / (time.process_time() - start))
+    return sample_rates
 
 
 def disagreement(sheet: MeshSamples, solvers: list[Solver]) -> float:
@@ -214,20 +214,21 @@ def disagreement(sheet: MeshSamples, solvers: list[Solver]) -> float:
     samples = spread_samples(24)
     expected = sheet.by_pyeit(samples)
     rows = [place * len(CONTRASTS) + strength for place, strength in samples]
-    every = sheet.by_touch_modes(samples)[rows]
-    found = [every, *(solver(samples) for solver in solvers)]
-    return max(np.max(abs(f - expected)) for f in found) / np.max(abs(expected))
+    mode_values = sheet.by_touch_modes(samples)[rows]
+    solver_values = [mode_values, *(solver(samples) for solver in solvers)]
+    return max(np.max(abs(values - expected)) for values in solver_values) / np.max(abs(expected))
 
 
 def clean(runs: int) -> list[dict]:
-    """Clean samples a processor second: our forward model, and our closed form on pyEIT's mesh, by
-    peer.
+    """Clean samples in a processor second: our forward model, and our closed form on pyEIT's mesh,
+    beside each peer.
 
     Raises RuntimeError where the solvers on pyEIT's mesh disagree.
     """
     sheet = MeshSamples()
-    per_sample, kept = Woodbury(sheet, kept=False), Woodbury(sheet, kept=True)
-    difference = disagreement(sheet, [sheet.by_factoring, per_sample, kept])
+    per_sample = Woodbury(sheet, caches_places=False)
+    per_place = Woodbury(sheet, caches_places=True)
+    difference = disagreement(sheet, [sheet.by_factoring, per_sample, per_place])
     if not difference < AGREEMENT:
         raise RuntimeError(f"solvers on pyEIT's mesh differ by {difference:.1e} of a voltage")
     ours: dict[str, Solver] = {
@@ -239,7 +240,7 @@ def clean(runs: int) -> list[dict]:
         "SciPy, one factorisation a sample": (sheet.by_factoring, spread_samples(96)),
         "SciPy, one factorisation in all, Woodbury a sample": (per_sample, spread_samples(384)),
         "SciPy, the same, columns kept for each place": (
-            kept,
+            per_place,
             spread_samples(len(PLACES) * len(CONTRASTS)),
         ),
     }
@@ -255,22 +256,22 @@ def clean(runs: int) -> list[dict]:
 
 
 def perturb(config: dict, name: str) -> tuple[int, float, float]:
-    """Simulate configuration `name` from nothing to its dataset, as the workflow does.
+    """Simulate configuration `name` up to its dataset, as in the workflow.
 
-    Returns samples, processor seconds and the process's peak memory in MiB: call it in a fresh
+    Returns samples, processor seconds and the process's peak memory in MiB; to be called in a fresh
     process.
     """
     start = time.process_time()
-    chosen = config["configurations"][name]
+    configuration = config["configurations"][name]
     with TemporaryDirectory() as folder:
         stage = _skin_stage(config, name, Path(folder))
-        links = chain.instrument_effects(chosen["effects"])
-        for position, effect in enumerate(links.values(), start=1):
-            done = stage.with_name(str(position))
-            sets.write_stage(stage, done, config["seed"], effect, position)
-            stage = done
+        effects = chain.instrument_effects(configuration["effects"])
+        for position, effect in enumerate(effects.values(), start=1):
+            next_stage = stage.with_name(str(position))
+            sets.write_stage(stage, next_stage, config["seed"], effect, position)
+            stage = next_stage
         dataset = Path(folder) / "dataset.parquet"
-        noise, baseline = chosen["noise"], chosen["baseline"]
+        noise, baseline = configuration["noise"], configuration["baseline"]
         sets.write_dataset(stage, dataset, name, config["seed"], noise, baseline)
         samples = sum(len(part.table) for part in Stage(stage))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
@@ -278,25 +279,25 @@ def perturb(config: dict, name: str) -> tuple[int, float, float]:
 
 
 def _skin_stage(config: dict, name: str, folder: Path) -> Path:
-    """Every session's skin of configuration `name`, pressed, as a stage's file."""
-    chosen = config["configurations"][name]
-    laid, places, stage = (folder / part for part in ("mesh.npz", "places.csv", "0"))
+    """The stage file of configuration `name` with every session's skin pressed."""
+    configuration = config["configurations"][name]
+    mesh, places, stage = (folder / part for part in ("mesh.npz", "places.csv", "0"))
     blocks = ("seed", "skin", "protocol", "touch_grid", "forces", "accuracy")
-    layout.write(laid, places, layout.Layout(**{block: config[block] for block in blocks}))
+    layout.write(mesh, places, layout.Layout(**{block: config[block] for block in blocks}))
     skin_stage = sets.SkinStage(
         config["seed"],
         config["skin"],
         config["accuracy"],
-        chain.skin_effects(chosen["effects"]),
-        chosen["session_frames"],
-        chosen["crossed"],
+        chain.skin_effects(configuration["effects"]),
+        configuration["session_frames"],
+        configuration["crossed"],
     )
-    sets.write_skin_stage(laid, places, stage, skin_stage)
+    sets.write_skin_stage(mesh, places, stage, skin_stage)
     return stage
 
 
 def skins_a_second(config: dict, threads: int) -> float:
-    """Skins that are solved and pressed at all places a second by the clock, on so many cores."""
+    """Skins solved and pressed at all places in a second by the clock, on so many cores."""
     os.environ["OMP_NUM_THREADS"] = str(threads)
     with TemporaryDirectory() as folder:
         start = time.perf_counter()
@@ -307,83 +308,86 @@ def skins_a_second(config: dict, threads: int) -> float:
 
 
 def skins(runs: int) -> list[dict]:
-    """New skins a second by the clock, each pressed at all places: on two cores, beside one and
-    beside a mark."""
+    """New skins in a second by the clock, each pressed at all places: on two cores, beside one core
+    and beside a mark."""
     config = yaml.safe_load(Path("config.yaml").read_text(encoding="utf-8"))
-    found: dict[int, list[float]] = {1: [], 2: []}
+    rates_by_threads: dict[int, list[float]] = {1: [], 2: []}
     for _ in patient(range(runs), "skins, runs"):
-        for threads, own in found.items():
+        for threads, rates in rates_by_threads.items():
             with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-                own.append(pool.submit(skins_a_second, config, threads).result())
-    peers = {"one core": found[1], "mark": [SKINS_A_SECOND]}
-    return [rows.row("skins", "skins/s", found[2], name, peer) for name, peer in peers.items()]
+                rates.append(pool.submit(skins_a_second, config, threads).result())
+    peers = {"one core": rates_by_threads[1], "mark": [SKINS_A_SECOND]}
+    return [
+        rows.row("skins", "skins/s", rates_by_threads[2], name, peer)
+        for name, peer in peers.items()
+    ]
 
 
 def perturbed(runs: int) -> list[dict]:
-    """Processor seconds and peak memory of the perturbed sets of config.yaml, beside what they may
-    take.
+    """Processor seconds and peak memory of the perturbed sets of config.yaml, beside limits.
 
-    One process on one core, a fresh one each run; a new geometry every `session_frames` samples.
-    The set of the authors also with TIMES the samples, once: its memory beside that of one.
+    A fresh process on one core for each run; a new geometry every `session_frames` samples. The set
+    of the authors also once with TIMES the samples: its memory beside that of one set.
     """
     config = yaml.safe_load(Path("config.yaml").read_text(encoding="utf-8"))
     larger = deepcopy(config)
     for key, factor in TIMES.items():
         larger["touch_grid"][key] *= factor
-    told: list[dict] = []
+    table_rows: list[dict] = []
     sizes: dict[str, tuple] = {}
     for name in patient(["larger", "authors", "crossed"], "perturbed, sets"):
-        found = []
+        measurements = []
         for _ in range(1 if name == "larger" else runs):
-            given = (larger, "authors") if name == "larger" else (config, name)
+            job = (larger, "authors") if name == "larger" else (config, name)
             with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-                found.append(pool.submit(perturb, *given).result())
-        samples, seconds, peaks = zip(*found, strict=True)
+                measurements.append(pool.submit(perturb, *job).result())
+        samples, seconds, peaks = zip(*measurements, strict=True)
         sizes[name] = samples[0], peaks
         if name == "larger":
             continue
         label = "perturbed" if name == "authors" else f"perturbed, {name}"
         title = f"limit for {samples[0]} samples"
-        told.append(rows.row(label, "s", seconds, title, [LIMIT_S]))
-        told.append(rows.row(f"{label}, memory", "MiB", peaks, title, [LIMIT_MIB]))
-    (many, peak), (few, one) = sizes["larger"], sizes["authors"]
-    label = f"perturbed, memory of {many} samples"
-    told.append(rows.row(label, "MiB", peak, f"of {few} samples", one))
-    return told
+        table_rows.append(rows.row(label, "s", seconds, title, [LIMIT_S]))
+        table_rows.append(rows.row(f"{label}, memory", "MiB", peaks, title, [LIMIT_MIB]))
+    (large_samples, peak), (samples_of_one, peak_of_one) = sizes["larger"], sizes["authors"]
+    label = f"perturbed, memory of {large_samples} samples"
+    table_rows.append(rows.row(label, "MiB", peak, f"of {samples_of_one} samples", peak_of_one))
+    return table_rows
 
 
 def trained(runs: int) -> list[dict]:
-    """Samples a processor second of the training loop, a perceptron of 512, 256, 128 over TRAINED
-    samples whose labels are partly noise, so that weights decay: as it is, and with numbers under
-    the least normal float32 computed with. The last of EPOCHS epochs counts."""
+    """Samples in a processor second of the training loop, for a perceptron of 512, 256, 128 and
+    TRAINED samples with partly random labels, so that weights decay: as it is, and with subnormal
+    numbers. The last of EPOCHS epochs counts."""
     import torch  # here, as the other benches' memory is counted without it
 
     from eitskin.learn import networks, train
 
     train.deterministic()
-    drawn = torch.Generator().manual_seed(1)
-    voltage = torch.randn(TRAINED, len(CHANNELS), generator=drawn)
-    state = voltage[:, :3] + torch.randn(TRAINED, 3, generator=drawn)
-    part, adam = (voltage, state), train.Optimiser(weight_decay=1e-3)
+    generator = torch.Generator().manual_seed(1)
+    voltage = torch.randn(TRAINED, len(CHANNELS), generator=generator)
+    state = voltage[:, :3] + torch.randn(TRAINED, 3, generator=generator)
+    samples, adam = (voltage, state), train.Optimiser(weight_decay=1e-3)
 
     def loss(module: torch.nn.Module, v: torch.Tensor, s: torch.Tensor) -> torch.Tensor:
-        times.append(time.process_time())
+        step_times.append(time.process_time())
         return (module(v) - s).square().mean()
 
-    times: list[float] = []
+    step_times: list[float] = []
     steps = math.ceil(TRAINED / adam.batch_size)
 
     def rate(loop: Callable) -> float:
-        times.clear()
+        step_times.clear()
         torch.manual_seed(1)
         module = networks.Mlp(len(CHANNELS), 3, (512, 256, 128))
-        loop(module, part, (voltage[:1], state[:1]), loss, adam, train.Budget(None, EPOCHS), 1)
+        parts = samples, (voltage[:1], state[:1])
+        loop(module, parts, loss, adam, train.Budget(None, EPOCHS), 1)
         # The last time is the validation's.
-        return (steps - 1) * adam.batch_size / (times[-2] - times[-1 - steps])
+        return (steps - 1) * adam.batch_size / (step_times[-2] - step_times[-1 - steps])
 
     loops = train.fit, inspect.unwrap(train.fit)
-    found = [[rate(loop) for loop in loops] for _ in patient(range(runs), "trained, runs")]
-    ours, peer = zip(*found, strict=True)
+    rate_pairs = [[rate(loop) for loop in loops] for _ in patient(range(runs), "trained, runs")]
+    ours, peer = zip(*rate_pairs, strict=True)
     return [rows.row("trained", "samples/s", ours, "subnormal numbers kept", peer)]
 
 
@@ -398,7 +402,7 @@ BENCHES = {
     "clean": clean,
     "skins": skins,
     "electrodes": costs.electrodes,
-    "together": costs.together,
+    "together": costs.simultaneous_skins,
     "perturbed": perturbed,
     "trained": trained,
     "diagnosed": diagnoses.diagnosed,
@@ -410,31 +414,33 @@ BENCHES = {
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the benches named, all by default, print their ratios and write them."""
+    """Run the named benches, by default all, print their ratios and write them."""
     parser = argparse.ArgumentParser(prog="python -m benchmark.speed", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"{', '.join(BENCHES)}: all")
     parser.add_argument("--runs", type=int, default=5)
     parser.add_argument("--output", type=Path, default=rows.ROOT / "benchmarks")
-    chosen = parser.parse_args(arguments)
-    if unknown := set(chosen.names) - set(BENCHES):
+    options = parser.parse_args(arguments)
+    if unknown := set(options.names) - set(BENCHES):
         parser.error(f"no bench: {', '.join(sorted(unknown))}")
-    given = sys.argv[1:] if arguments is None else arguments
+    command_arguments = sys.argv[1:] if arguments is None else arguments
     threads = os.environ.get("OMP_NUM_THREADS")
     cores = "-u OMP_NUM_THREADS" if threads is None else f"OMP_NUM_THREADS={threads}"
-    measured = {
-        "command": f"env {cores} {shlex.join(['python', '-m', 'benchmark.speed', *given])}",
+    command = shlex.join(["python", "-m", "benchmark.speed", *command_arguments])
+    provenance = {
+        "command": f"env {cores} {command}",
         "commit": rows.commit(),
         "machine": rows.machine(),
     }
-    for name in chosen.names or BENCHES:
-        others = rows.Others()
-        found = BENCHES[name](chosen.runs)
-        told = measured | {"others_cores": others.cores()}
-        with atomic_path(chosen.output / f"{name}.json") as path:
+    for name in options.names or BENCHES:
+        other_work = rows.OtherWork()
+        bench_rows = BENCHES[name](options.runs)
+        columns = provenance | {"others_cores": other_work.cores()}
+        with atomic_path(options.output / f"{name}.json") as path:
             path.write_text(
-                json.dumps([line | told for line in found], indent=2) + "\n", encoding="utf-8"
+                json.dumps([line | columns for line in bench_rows], indent=2) + "\n",
+                encoding="utf-8",
             )
-        for line in found:
+        for line in bench_rows:
             print(
                 f"{line['name']}: {line['ours']:.4g} {line['unit']}; {line['peer_name']}: "
                 f"{line['peer']:.4g}; ratio {line['ratio']:.4g} (of {line['runs']} runs)"

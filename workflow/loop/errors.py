@@ -1,69 +1,70 @@
-"""Errors on the recording of models trained on a source, as they are and aligned."""
+"""Errors on the recording of models trained on a source, as trained and aligned."""
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from eitskin.data import recording
-from eitskin.data.dataset import Dataset
 from eitskin.data.recording import Recording
 from eitskin.learn import train, transfer, transfer_runs
-from eitskin.learn.train import Recipe
+from eitskin.learn.train import Recipe, Split
 from loop import sources
+from loop.imitation import PressPrior
 from loop.naming import BELIEF, DIAGNOSIS, LABELS, TRUTH
 
 
-def simulator(
-    source: str, recorded: Recording, folder: str | Path, authors: list[dict]
-) -> sources.Simulator | sources.Truth:
-    """The simulator of a source of the case in `folder`; `authors`: the effects of AUTHORS."""
-    folder = Path(folder)
+@dataclass(frozen=True)
+class Case:
+    """A case of the loop: its `folder`, the `target` whose test part is predicted and whose part
+    "train" holds the labels, the effects of the source AUTHORS, and the prior of presses."""
+
+    folder: Path
+    target: Split
+    authors: list[dict]
+    prior: PressPrior
+
+
+def simulator(source: str, recorded: Recording, case: Case) -> sources.Simulator | sources.Truth:
+    """The simulator of a source of a case."""
     if source == TRUTH:
-        told = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
-        return sources.truth(told, recorded)
+        description = json.loads((case.folder / "truth.json").read_text(encoding="utf-8"))
+        return sources.truth(description, recorded)
     if source == DIAGNOSIS:
-        found = folder / "diagnosis"
-        said = json.loads((found / "diagnosis.json").read_text(encoding="utf-8"))
-        return sources.diagnosed(found / "effects.yaml", said)
-    believed = sources.belief(recorded)
+        diagnosis_folder = case.folder / "diagnosis"
+        diagnosis = json.loads((diagnosis_folder / "diagnosis.json").read_text(encoding="utf-8"))
+        return sources.diagnosed(diagnosis_folder / "effects.yaml", diagnosis)
+    nominal = sources.belief(recorded)
     if source == BELIEF:
-        return believed
-    return sources.Simulator(believed.skin, authors, believed.factor, drawn=True)
+        return nominal
+    return sources.Simulator(nominal.skin, case.authors, nominal.factor, drawn=True)
 
 
 def errors(
-    source: str,
-    model: str,
-    folder: str | Path,
-    target: Dataset,
-    part: np.ndarray,
-    recipe: Recipe,
-    seed: int,
-    draw: int,
-    authors: list[dict],
-    forces: dict,
-    probe_mm: float,
+    case: Case, source: str, model: str, recipe: Recipe, seed: int, draw: int
 ) -> pd.DataFrame:
-    """Rows (`transfer_runs.RUNS`) of a model on the test part of `target`, for a seed.
+    """Rows (`transfer_runs.RUNS`) of a model trained on a source, on the case's test part.
 
-    A seed has source samples and noise of its own, the same for all sources, and trains one
-    network; the rows "train" of `part` are the labels that methods with labels use. `LABELS`
-    trains on these alone, as `transfer.references`.
+    Each seed has its own source samples and noise, the same for all sources, and trains one
+    network; draw: its number. The source `LABELS` trains on the labels alone, as
+    `transfer.references`.
     """
-    recorded = recording.read(Path(folder) / "recording.parquet")
-    few = np.flatnonzero(part == "train")
+    recorded = recording.read(case.folder / "recording.parquet")
+    labelled_rows = np.flatnonzero(case.target.part == "train")
     samples = recipe.budget.samples
     assert samples is not None  # the configuration's schema
     if source == LABELS:
-        job = (recipe, samples, seed, draw)
-        rows = transfer.few_alone(target, part == "test", few, model, *job)
+        run = transfer.Run(transfer_runs.TRAINED_FEW, draw, seed, len(labelled_rows))
+        rows = transfer.trained_on_labelled(case.target, labelled_rows, model, recipe, samples, run)
         return pd.DataFrame(rows, columns=list(transfer_runs.RUNS))
-    taught = simulator(source, recorded, folder, authors)
+    source_simulator = simulator(source, recorded, case)
     name = f"{source} {seed}"
-    made, parts = sources.source_set(taught, recorded, samples, seed, forces, probe_mm, name)
-    trained = train.train_model(made, parts, model, recipe, seed)
+    source_split = sources.source_set(source_simulator, recorded, samples, seed, case.prior, name)
+    trained = train.train_model(source_split, model, recipe, seed)
     angles = recorded.skin.electrode_deg
-    sides = (made, parts, target, part, None if angles is None else list(angles))
-    return transfer.transferred(trained, *sides, [few]).assign(seed=seed)
+    electrode_deg = None if angles is None else list(angles)
+    labels = [labelled_rows]
+    rows = transfer.transferred(trained, source_split, case.target, electrode_deg, labels)
+    return rows.assign(seed=seed)

@@ -1,4 +1,4 @@
-"""The figure of the closed loop: errors of force and place by what a model learned from."""
+"""The figure of the closed loop: errors of force and place by the source of training samples."""
 
 import re
 from collections import Counter
@@ -23,37 +23,37 @@ MARKS = {  # colour, marker, words
     TRUTH: ("#202020", "|", "the true simulator"),
 }
 PANELS = {"F": "mean absolute error of F, N", PLACE: "mean absolute error of x and y, mm"}
-ROWS = 0.32  # of a row, to each side of its middle: the marks of its sources
+ROWS = 0.32  # of a row, to each side of its middle, for the marks of the sources
 
 
 def points(table: pd.DataFrame, model: str) -> pd.DataFrame:
-    """Rows of `table.summarise` that are drawn: mean absolute errors of one model as trained."""
-    kept = table[(table["model"] == model) & (table["metric"] == "mae")]
-    kept = kept[kept["method"].isin([ZERO_SHOT, TRAINED_FEW]) & kept["variable"].isin(PANELS)]
+    """The drawn rows of `table.summarise`: mean absolute errors of one model as trained."""
+    rows = table[(table["model"] == model) & (table["metric"] == "mae")]
+    rows = rows[rows["method"].isin([ZERO_SHOT, TRAINED_FEW]) & rows["variable"].isin(PANELS)]
     columns = ["case", "model", "source", "variable", "mean", "low", "high", "unit", "seeds"]
-    return kept[columns].reset_index(drop=True)
+    return rows[columns].reset_index(drop=True)
 
 
 def draw(table: pd.DataFrame) -> Figure:
-    """A row a case, a mark a source, one below another; bars are 95 % intervals over seeds."""
+    """One row for each case, with one mark for each source; bars are 95 % intervals over seeds."""
     cases = list(dict.fromkeys(table["case"]))
     with style():
         figure = plotting.sheet(plotting.FULL_MM, 26.0 + 7.0 * len(cases))
         panels = figure.subplots(1, 2, sharey=True)
         for axes, (variable, title) in zip(panels, PANELS.items(), strict=True):
-            here = table[table["variable"] == variable]
+            variable_rows = table[table["variable"] == variable]
             for y, case in enumerate(cases):
-                if case not in set(here["case"]):
-                    middle = {"transform": axes.get_yaxis_transform(), **CENTRED}
-                    axes.text(0.5, y, "not measured", color=QUIET, **middle)
+                if case not in set(variable_rows["case"]):
+                    centred = {"transform": axes.get_yaxis_transform(), **CENTRED}
+                    axes.text(0.5, y, "not measured", color=QUIET, **centred)
             shifts = np.linspace(-ROWS, ROWS, len(MARKS))
             for (source, (colour, marker, words)), shift in zip(MARKS.items(), shifts, strict=True):
-                own = here[here["source"] == source]
-                at = [cases.index(case) + shift for case in own["case"]]
-                half = own["mean"].to_numpy() - own["low"].to_numpy()
+                source_rows = variable_rows[variable_rows["source"] == source]
+                heights = [cases.index(case) + shift for case in source_rows["case"]]
+                half = source_rows["mean"].to_numpy() - source_rows["low"].to_numpy()
                 axes.errorbar(
-                    own["mean"],
-                    at,
+                    source_rows["mean"],
+                    heights,
                     xerr=np.nan_to_num(half),
                     fmt=marker,
                     color=colour,
@@ -66,15 +66,15 @@ def draw(table: pd.DataFrame) -> Figure:
             log_ticks(axes.xaxis, low, high, power)
             axes.set_xlabel(title)
             axes.grid(axis="y", color=QUIET, alpha=0.3, linewidth=0.4)
-        panels[0].set_yticks(range(len(cases)), _named(cases))
+        panels[0].set_yticks(range(len(cases)), _row_labels(cases))
         panels[0].invert_yaxis()
         handles, labels = panels[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper center", ncols=5)
     return figure
 
 
-def _named(cases: list[str]) -> list[str]:
-    """Cases without their seeds; of several of one name the second and further are numbered."""
+def _row_labels(cases: list[str]) -> list[str]:
+    """The cases' names without seeds, numbered from the second of equal ones."""
     names = [re.sub(r"-\d{6}$", "", case) for case in cases]
     count: Counter[str] = Counter()
     for k, name in enumerate(names):
@@ -84,7 +84,6 @@ def _named(cases: list[str]) -> list[str]:
 
 
 def write(summary: Path, model: str, vector: Path, image: Path, csv: Path) -> None:
-    """The figure of one model, of the table that `table.write` wrote, as SVG and PNG, its numbers
-    as CSV."""
+    """The figure of one model from the table of `table.write`: SVG, PNG, its numbers as CSV."""
     table = points(pd.read_csv(summary), model)
     figure_files.write(draw(table), table, vector, image, csv)

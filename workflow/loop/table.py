@@ -1,4 +1,4 @@
-"""The table of the closed loop: errors by source, differences paired over seeds, and a reading."""
+"""The table of the closed loop: errors by source, differences paired by seed, and a reading."""
 
 import json
 from pathlib import Path
@@ -17,7 +17,7 @@ from loop.naming import AUTHORS, BELIEF, DIAGNOSIS, LABELS, SOURCES, TRUTH
 
 KEYS = ("case", "model", "source")
 PLACE = "place"  # the mean of the errors of x and y
-ENOUGH = 0.15  # of the belief's error, that the truth must save for a case to say much
+TELLING_SHARE = 0.15  # of the belief's error saved by the truth; below, shares of it are too noisy
 SHOWN = {"F": "F, N", PLACE: "place (mean of x and y), mm"}
 TABLE = (
     *KEYS,
@@ -29,47 +29,49 @@ WORTH = ("model", "against", "cases", "saved", "low", "high", "sure", "over_trut
 
 
 def collect(files: Files) -> pd.DataFrame:
-    """The runs of all files, KEYS before them, with rows of PLACE.
+    """The runs of all files, preceded by KEYS, with rows of PLACE.
 
-    Raises InputError where there are none, or a file holds something else.
+    Raises InputError without files and for a file with other columns.
     """
     runs = transfer_table.collect(files, KEYS, "loop")
-    by = [*KEYS, "method", "draw", "seed", "labelled_frames", "metric", "left_out"]
+    run_columns = [*KEYS, "method", "draw", "seed", "labelled_frames", "metric", "left_out"]
     xy = runs[runs["variable"].isin(["x", "y"]) & runs["metric"].isin(["mae", "rmse"])]
-    both = xy.groupby(by, sort=False)["value"].agg(["mean", "size"]).reset_index()
-    both = both[both["size"] == 2].rename(columns={"mean": "value"}).assign(variable=PLACE)
-    return pd.concat([runs, both[runs.columns]], ignore_index=True)
+    place_rows = xy.groupby(run_columns, sort=False)["value"].agg(["mean", "size"]).reset_index()
+    place_rows = (
+        place_rows[place_rows["size"] == 2].rename(columns={"mean": "value"}).assign(variable=PLACE)
+    )
+    return pd.concat([runs, place_rows[runs.columns]], ignore_index=True)
 
 
-def paired(one: pd.DataFrame, other: pd.DataFrame) -> np.ndarray:
+def paired(runs_a: pd.DataFrame, runs_b: pd.DataFrame) -> np.ndarray:
     """(S, 2): values of two methods' runs of the same seeds."""
-    joined = one.merge(other, on="seed")
+    joined = runs_a.merge(runs_b, on="seed")
     return joined[["value_x", "value_y"]].to_numpy()
 
 
 def summarise(runs: pd.DataFrame) -> pd.DataFrame:
-    """Rows (TABLE): mean and 95 % interval (Student's t) over seeds, and what is saved against the
-    same method from BELIEF: mean and interval of the difference of equal seeds, and its share."""
+    """Rows (TABLE): mean and 95 % interval (Student's t) over seeds, and the error saved against
+    the same method from BELIEF: mean and interval of differences of equal seeds, and its share."""
     rows = []
     group = [*KEYS, "method", "variable", "metric"]
-    of = {names: part for names, part in runs.groupby(group, sort=False)}
-    for names, part in of.items():
+    groups = {names: group_runs for names, group_runs in runs.groupby(group, sort=False)}
+    for names, group_runs in groups.items():
         row = dict(zip(group, names, strict=True))
-        row["left_out"] = part["left_out"].iloc[0]
+        row["left_out"] = group_runs["left_out"].iloc[0]
         if not row["left_out"]:
-            value = part["value"].to_numpy()
+            value = group_runs["value"].to_numpy()
             row |= {"mean": value.mean(), "seeds": len(value)}
             row["low"], row["high"] = interval(value)
-            row["labelled_frames"] = int(part["labelled_frames"].iloc[0])
+            row["labelled_frames"] = int(group_runs["labelled_frames"].iloc[0])
             unit = UNITS["x" if row["variable"] == PLACE else row["variable"]]
             row["unit"] = "1" if row["metric"] == "r2" else unit
             method = ZERO_SHOT if row["source"] == LABELS else row["method"]
-            base = of.get((*names[:2], BELIEF, method, *names[4:]))
-            if base is not None and row["source"] != BELIEF:
-                before, now = paired(base, part).T
-                row["saved"] = (before - now).mean()
-                row["saved_low"], row["saved_high"] = interval(before - now)
-                row["saved_share"] = row["saved"] / before.mean()
+            belief_runs = groups.get((*names[:2], BELIEF, method, *names[4:]))
+            if belief_runs is not None and row["source"] != BELIEF:
+                belief_values, source_values = paired(belief_runs, group_runs).T
+                row["saved"] = (belief_values - source_values).mean()
+                row["saved_low"], row["saved_high"] = interval(belief_values - source_values)
+                row["saved_share"] = row["saved"] / belief_values.mean()
         rows.append(row)
     table = pd.DataFrame(rows, columns=list(TABLE))
     counts = ["labelled_frames", "seeds"]
@@ -77,97 +79,136 @@ def summarise(runs: pd.DataFrame) -> pd.DataFrame:
     return table
 
 
-def closed(runs: pd.DataFrame) -> pd.DataFrame:
+def closed_shares(runs: pd.DataFrame) -> pd.DataFrame:
     """case, model, variable; truth_saves: the share of BELIEF's mean absolute error, zero-shot,
-    that TRUTH saves; closed: what DIAGNOSIS saves over what TRUTH saves, of the means over seeds,
-    NaN where the truth saves under ENOUGH."""
+    saved by TRUTH; closed: the error saved by DIAGNOSIS over that saved by TRUTH, from means over
+    seeds, NaN where the truth saves less than TELLING_SHARE."""
     rows = []
-    kept = runs[(runs["metric"] == "mae") & (runs["method"] == ZERO_SHOT)]
-    for (case, model, variable), part in kept.groupby(["case", "model", "variable"], sort=False):
-        mean = part.groupby("source")["value"].mean()
+    error_runs = runs[(runs["metric"] == "mae") & (runs["method"] == ZERO_SHOT)]
+    for (case, model, variable), case_runs in error_runs.groupby(
+        ["case", "model", "variable"], sort=False
+    ):
+        mean = case_runs.groupby("source")["value"].mean()
         if {BELIEF, DIAGNOSIS, TRUTH} <= set(mean.index):
-            most = mean[BELIEF] - mean[TRUTH]
-            share = most / mean[BELIEF]
-            got = (mean[BELIEF] - mean[DIAGNOSIS]) / most if share >= ENOUGH else np.nan
-            rows.append((case, model, variable, share, got))
+            truth_saving = mean[BELIEF] - mean[TRUTH]
+            share = truth_saving / mean[BELIEF]
+            closed_share = (
+                (mean[BELIEF] - mean[DIAGNOSIS]) / truth_saving
+                if share >= TELLING_SHARE
+                else np.nan
+            )
+            rows.append((case, model, variable, share, closed_share))
     return pd.DataFrame(rows, columns=["case", "model", "variable", "truth_saves", "closed"])
 
 
 def worth(runs: pd.DataFrame, share: pd.DataFrame) -> pd.DataFrame:
-    """WORTH: what DIAGNOSIS saves, zero-shot, of the force's mean absolute error against BELIEF and
-    AUTHORS over the cases where TRUTH saves ENOUGH; share: `closed`'s table of the same runs.
+    """WORTH: the share of the force's mean absolute error, zero-shot, that DIAGNOSIS saves against
+    BELIEF and AUTHORS, over the cases where TRUTH saves TELLING_SHARE; share: the table of
+    `closed_shares` of the same runs.
 
-    The mean over cases of the share saved, its interval (Student's t over cases), the cases whose
-    own interval over seeds lies above zero, and the median over cases of DIAGNOSIS' error over
-    TRUTH's. NaN where there is no case.
+    The mean over cases and its interval (Student's t over cases), the number of cases whose
+    interval over seeds lies above zero, and the median over cases of the error of DIAGNOSIS over
+    that of TRUTH. NaN without cases.
     """
-    kept = runs[(runs["metric"] == "mae") & (runs["method"] == ZERO_SHOT)]
-    kept = kept[kept["variable"] == "F"]
-    much = share[(share["variable"] == "F") & (share["truth_saves"] >= ENOUGH)]
+    error_runs = runs[(runs["metric"] == "mae") & (runs["method"] == ZERO_SHOT)]
+    error_runs = error_runs[error_runs["variable"] == "F"]
+    telling_cases = share[(share["variable"] == "F") & (share["truth_saves"] >= TELLING_SHARE)]
     rows = []
-    for model, own in kept.groupby("model", sort=False):
-        told = list(much.loc[much["model"] == model, "case"])
-        of = {key: part for key, part in own.groupby(["case", "source"], sort=False)}
+    for model, model_runs in error_runs.groupby("model", sort=False):
+        case_names = list(telling_cases.loc[telling_cases["model"] == model, "case"])
+        runs_by_case = {
+            key: part for key, part in model_runs.groupby(["case", "source"], sort=False)
+        }
         ratio = [
-            of[case, DIAGNOSIS]["value"].mean() / of[case, TRUTH]["value"].mean() for case in told
+            runs_by_case[case, DIAGNOSIS]["value"].mean()
+            / runs_by_case[case, TRUTH]["value"].mean()
+            for case in case_names
         ]
         for rival in (BELIEF, AUTHORS):
-            known = [case for case in told if (case, rival) in of]
-            pairs = [paired(of[case, rival], of[case, DIAGNOSIS]).T for case in known]
-            saved = np.array([1.0 - now.mean() / before.mean() for before, now in pairs])
-            sure = sum(interval(before - now)[0] > 0.0 for before, now in pairs)
-            mean = saved.mean() if len(saved) else np.nan
-            middle = np.median(ratio) if ratio else np.nan
-            rows.append((model, rival, len(pairs), mean, *interval(saved), sure, middle))
+            compared_cases = [case for case in case_names if (case, rival) in runs_by_case]
+            pairs = [
+                paired(runs_by_case[case, rival], runs_by_case[case, DIAGNOSIS]).T
+                for case in compared_cases
+            ]
+            saved_shares = np.array(
+                [
+                    1.0 - diagnosis_values.mean() / rival_values.mean()
+                    for rival_values, diagnosis_values in pairs
+                ]
+            )
+            certain_count = sum(
+                interval(rival_values - diagnosis_values)[0] > 0.0
+                for rival_values, diagnosis_values in pairs
+            )
+            mean = saved_shares.mean() if len(saved_shares) else np.nan
+            median_ratio = np.median(ratio) if ratio else np.nan
+            rows.append(
+                (
+                    model,
+                    rival,
+                    len(pairs),
+                    mean,
+                    *interval(saved_shares),
+                    certain_count,
+                    median_ratio,
+                )
+            )
     return pd.DataFrame(rows, columns=list(WORTH))
 
 
-def told(folders: dict[str, str | Path]) -> pd.DataFrame:
+def effects_of_cases(folders: dict[str, str | Path]) -> pd.DataFrame:
     """case, concealed, named: the effects of each case's truth.json (empty for a real recording)
     and those of its diagnosis.json, with their parameters."""
     rows = []
     for case, folder in folders.items():
         truth = Path(folder) / "truth.json"
-        there = json.loads(truth.read_text("utf-8"))["effects"] if truth.exists() else []
-        said = json.loads((Path(folder) / "diagnosis" / "diagnosis.json").read_text("utf-8"))
-        named = [
-            {**e, "parameters": {k: p["value"] for k, p in e["parameters"].items()}}
-            for e in said["effects"]
+        true_effects = json.loads(truth.read_text("utf-8"))["effects"] if truth.exists() else []
+        diagnosis = json.loads((Path(folder) / "diagnosis" / "diagnosis.json").read_text("utf-8"))
+        diagnosed_effects = [
+            {
+                **effect,
+                "parameters": {
+                    k: parameter["value"] for k, parameter in effect["parameters"].items()
+                },
+            }
+            for effect in diagnosis["effects"]
         ]
-        rows.append((case, _listed(there), _listed(named) or said["verdict"]))
+        rows.append(
+            (case, _listed(true_effects), _listed(diagnosed_effects) or diagnosis["verdict"])
+        )
     return pd.DataFrame(rows, columns=["case", "concealed", "named"])
 
 
 def _listed(effects: list[dict]) -> str:
-    def value(given: float | list[float] | None) -> str:
-        if isinstance(given, list):
-            return f"{len(given)} values" if len(given) > 2 else ", ".join(map(value, given))
-        return "null" if given is None else f"{given:.3g}"
+    def value(number: float | list[float] | None) -> str:
+        if isinstance(number, list):
+            return f"{len(number)} values" if len(number) > 2 else ", ".join(map(value, number))
+        return "null" if number is None else f"{number:.3g}"
 
     texts = []
     for effect in effects:
         parameters = effect.get("parameters", {}).items()
-        inside = ", ".join(f"{key} {value(given)}" for key, given in parameters)
-        texts.append(f"{effect['name']} ({inside})" if inside else effect["name"])
+        values = ", ".join(f"{key} {value(number)}" for key, number in parameters)
+        texts.append(f"{effect['name']} ({values})" if values else effect["name"])
     return "; ".join(texts)
 
 
 def write(
     files: Files, folders: dict[str, str | Path], csv: str | Path, markdown: str | Path
 ) -> None:
-    """Write the table to `csv` (columns TABLE) and, read, to `markdown`."""
+    """Write the table to `csv` (columns TABLE) and with its reading to `markdown`."""
     runs = collect(files)
     table = summarise(runs)
     with atomic_path(csv) as temporary:
         table.to_csv(temporary, index=False, float_format="%.6g")
     with atomic_path(markdown) as temporary:
-        temporary.write_text(to_markdown(table, runs, told(folders)), encoding="utf-8")
+        temporary.write_text(to_markdown(table, runs, effects_of_cases(folders)), encoding="utf-8")
 
 
 def to_markdown(table: pd.DataFrame, runs: pd.DataFrame, cases: pd.DataFrame) -> str:
-    """What was concealed and named, and what the names were worth; for each model and variable the
-    sources side by side, then what alignments make of the belief's models with the same labels."""
-    share = closed(runs)
+    """The concealed and the diagnosed effects of every case and the errors saved; then, for each
+    model and variable, the sources side by side, and the alignments with the same labels."""
+    share = closed_shares(runs)
     lines = [
         "# The loop closed",
         "",
@@ -175,7 +216,7 @@ def to_markdown(table: pd.DataFrame, runs: pd.DataFrame, cases: pd.DataFrame) ->
         "[95 % interval] over seeds; each seed has training samples, noise and weights of its own,",
         "samples and noise the same for every source. *saved* is the belief's error minus the",
         "diagnosis', paired by seed; *closed* is that over what the truth saves, given where the",
-        f"truth saves {percent(ENOUGH)} or more.",
+        f"truth saves {percent(TELLING_SHARE)} or more.",
         "",
         "| case | concealed | named by the diagnosis |",
         "|---|---|---|",
@@ -186,29 +227,35 @@ def to_markdown(table: pd.DataFrame, runs: pd.DataFrame, cases: pd.DataFrame) ->
     errors = table[(table["metric"] == "mae") & (table["left_out"] == "")]
     for model in table["model"].unique():
         for variable, title in SHOWN.items():
-            own = errors[(errors["model"] == model) & (errors["variable"] == variable)]
-            told = share[(share["model"] == model) & (share["variable"] == variable)]
-            if len(own):
-                lines += ["", f"## {model}, {title}", "", *_sources(own, told), ""]
+            variable_errors = errors[(errors["model"] == model) & (errors["variable"] == variable)]
+            variable_shares = share[(share["model"] == model) & (share["variable"] == variable)]
+            if len(variable_errors):
+                lines += [
+                    "",
+                    f"## {model}, {title}",
+                    "",
+                    *_sources(variable_errors, variable_shares),
+                    "",
+                ]
                 lines += ["Aligned with the labels that the diagnosis had, or less:", ""]
-                lines += _alignments(own)
+                lines += _alignments(variable_errors)
     missing = table[table["left_out"] != ""]
     for row in missing.drop_duplicates(["case", "method", "variable", "left_out"]).itertuples():
-        what = ", ".join(filter(None, [row.case, row.method, row.variable]))
-        lines.append(f"- left out, {what}: {row.left_out}")
+        omission = ", ".join(filter(None, [row.case, row.method, row.variable]))
+        lines.append(f"- left out, {omission}: {row.left_out}")
     return "\n".join(lines) + "\n"
 
 
-def _worth(found: pd.DataFrame) -> list[str]:
+def _worth(worth_rows: pd.DataFrame) -> list[str]:
     lines = [
         "Of the force's error, over the cases where the truth saves"
-        f" {percent(ENOUGH)} or more of it:",
+        f" {percent(TELLING_SHARE)} or more of it:",
         "",
         "| model | against | cases | saved, mean [95 % over cases] | cases whose own interval over"
         " seeds lies above zero | error over the truth's, median |",
         "|---" * 6 + "|",
     ]
-    for row in found.itertuples():
+    for row in worth_rows.itertuples():
         share = "" if np.isnan(row.saved) else percent(row.saved)
         if np.isfinite(row.low):
             share += f" [{percent(row.low)}, {percent(row.high)}]"
@@ -226,34 +273,39 @@ def _cell(rows: pd.DataFrame, mean: str = "mean", low: str = "low", high: str = 
     return text if np.isnan(row[low]) else f"{text} [{row[low]:.2f}, {row[high]:.2f}]"
 
 
-def _sources(own: pd.DataFrame, told: pd.DataFrame) -> list[str]:
+def _sources(variable_errors: pd.DataFrame, variable_shares: pd.DataFrame) -> list[str]:
     columns = [*SOURCES, LABELS]
     lines = [
         "| case | " + " | ".join([*columns, "saved", "truth saves", "closed"]) + " |",
         "|---" * (len(columns) + 4) + "|",
     ]
-    for case in own["case"].unique():
-        plain = own[(own["case"] == case) & own["method"].isin([ZERO_SHOT, TRAINED_FEW])]
-        of = {source: plain[plain["source"] == source] for source in columns}
-        cells = [_cell(of[source]) for source in columns]
-        cells.append(_cell(of[DIAGNOSIS], "saved", "saved_low", "saved_high"))
-        row = told[told["case"] == case]
+    for case in variable_errors["case"].unique():
+        plain = variable_errors[
+            (variable_errors["case"] == case)
+            & variable_errors["method"].isin([ZERO_SHOT, TRAINED_FEW])
+        ]
+        rows_by_source = {source: plain[plain["source"] == source] for source in columns}
+        cells = [_cell(rows_by_source[source]) for source in columns]
+        cells.append(_cell(rows_by_source[DIAGNOSIS], "saved", "saved_low", "saved_high"))
+        row = variable_shares[variable_shares["case"] == case]
         for key in ("truth_saves", "closed"):
-            known = len(row) and np.isfinite(row[key].iloc[0])
-            cells.append(percent(row[key].iloc[0]) if known else "")
+            is_known = len(row) and np.isfinite(row[key].iloc[0])
+            cells.append(percent(row[key].iloc[0]) if is_known else "")
         lines.append(f"| {case} | " + " | ".join(cells) + " |")
     return lines
 
 
-def _alignments(own: pd.DataFrame) -> list[str]:
-    methods = [m for m in METHODS if m in set(own["method"]) and m != TRAINED_FEW]
+def _alignments(variable_errors: pd.DataFrame) -> list[str]:
+    methods = [m for m in METHODS if m in set(variable_errors["method"]) and m != TRAINED_FEW]
     lines = [
         "| case | source | " + " | ".join(methods) + " |",
         "|---" * (len(methods) + 2) + "|",
     ]
-    for case in own["case"].unique():
+    for case in variable_errors["case"].unique():
         for source in (BELIEF, AUTHORS, DIAGNOSIS):
-            part = own[(own["case"] == case) & (own["source"] == source)]
+            part = variable_errors[
+                (variable_errors["case"] == case) & (variable_errors["source"] == source)
+            ]
             cells = [_cell(part[part["method"] == method]) for method in methods]
             if any(cells):
                 lines.append(f"| {case} | {source} | " + " | ".join(cells) + " |")

@@ -1,4 +1,4 @@
-"""Chromium without a window, by Playwright, for pictures of pages and tests of them."""
+"""Headless Chromium by Playwright, for pictures of pages and their tests."""
 
 import shutil
 from collections.abc import Iterator
@@ -10,20 +10,20 @@ from eitskin.errors import InputError
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-PATIENCE_MS = 300_000  # a busy machine is no error
+PATIENCE_MS = 300_000  # long enough that a busy machine does not fail
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 
 
 def installed() -> str | None:
-    """Path of the first of NAMES that is installed."""
+    """The path of the first of NAMES that is installed, None without any."""
     return next(filter(None, map(shutil.which, NAMES)), None)
 
 
 @contextmanager
 def chromium() -> Iterator["Browser"]:
-    """The browser, started and in the end closed.
+    """Context manager of a running browser.
 
-    Raises InputError where Chromium is not installed, or the Playwright of the test extra.
+    Raises InputError without Chromium, or without the Playwright of the test extra.
     """
     program = installed()
     if program is None:
@@ -33,7 +33,7 @@ def chromium() -> Iterator["Browser"]:
     except ImportError as error:
         raise InputError("python", "playwright", "not installed", "it, from .[test]") from error
     with sync_playwright() as playwright:
-        # Our own pages alone are opened; as root, as in a container, there is no sandbox.
+        # Only pages of the project are opened; as root, as in a container, there is no sandbox.
         browser = playwright.chromium.launch(
             executable_path=program, chromium_sandbox=False, timeout=PATIENCE_MS
         )

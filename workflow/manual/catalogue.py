@@ -20,12 +20,12 @@ has colours of its own, those of sizes logarithmic; `make docs` draws them.
 
 
 def page() -> str:
-    """The page as Markdown."""
+    """The page in Markdown."""
     parts = [HEAD]
     for stage in STAGES:
-        own = [effect for effect in EFFECTS.values() if effect.stage == stage]
+        stage_effects = [effect for effect in EFFECTS.values() if effect.stage == stage]
         parts.append(f"## Stage: {stage}\n")
-        parts += [_entry(effect) for effect in sorted(own, key=lambda e: e.name)]
+        parts += [_entry(effect) for effect in sorted(stage_effects, key=lambda e: e.name)]
     return "\n".join(parts)
 
 
@@ -54,7 +54,8 @@ def _text(effect: Effect) -> list[str]:
 
 
 def _row(key: str, parameter: Parameter) -> str:
-    nothing = "must be given" if parameter.neutral is None else number(parameter.neutral)
-    nothing = "may be left out" if parameter.optional else nothing
+    neutral_text = "must be given" if parameter.neutral is None else number(parameter.neutral)
+    neutral_text = "may be left out" if parameter.optional else neutral_text
     unit = "" if parameter.unit == "1" else parameter.unit
-    return f"| `{key}` | {unit} | {nothing} | {number(parameter.low)} | {number(parameter.high)} |"
+    low, high = number(parameter.low), number(parameter.high)
+    return f"| `{key}` | {unit} | {neutral_text} | {low} | {high} |"

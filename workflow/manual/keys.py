@@ -7,7 +7,7 @@ import yaml
 ROOT = Path(__file__).parents[2]
 SCHEMA = ROOT / "workflow" / "schemas" / "config.schema.yaml"
 DEFAULTS = ROOT / "config.yaml"
-MOST_SHOWN = 60  # characters of a default
+MAX_DEFAULT = 60  # characters of a default: longer ones would widen the column
 
 HEAD = """# The configuration
 
@@ -22,54 +22,58 @@ reads numbers as text, so that they belong into a file. Before targets that foll
 
 
 def page() -> str:
-    """The page as Markdown."""
+    """The page in Markdown."""
     schema = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
     defaults = yaml.safe_load(DEFAULTS.read_text(encoding="utf-8"))
     rows = _rows(schema, schema, defaults, "")
     return HEAD + "\n".join(rows) + "\n"
 
 
-def _rows(schema: dict, whole: dict, given: object, above: str) -> list[str]:
-    """Of every key below a place, and of what a name stands for once."""
-    found = []
-    for key, part in schema.get("properties", {}).items():
-        value = given.get(key) if isinstance(given, dict) else None
-        found += _row(f"{above}{key}", part, whole, value)
+def _rows(schema: dict, schema_root: dict, values: object, prefix: str) -> list[str]:
+    """The rows of all keys below a path, and of the values of a mapping by name, as NAME."""
+    rows = []
+    for key, subschema in schema.get("properties", {}).items():
+        value = values.get(key) if isinstance(values, dict) else None
+        rows += _row(f"{prefix}{key}", subschema, schema_root, value)
     if isinstance(schema.get("additionalProperties"), dict):
-        found += _row(f"{above}NAME", schema["additionalProperties"], whole, None)
-    return found
+        rows += _row(f"{prefix}NAME", schema["additionalProperties"], schema_root, None)
+    return rows
 
 
-def _row(place: str, part: dict, whole: dict, value: object) -> list[str]:
-    said = part.get("description", "")
-    part = {**_resolved(part, whole), **({"description": said} if said else {})}
-    row = f"| `{place}` | {_kind(part)} | {_shown(value)} | {part.get('description', '')} |"
-    return [row.replace(" |v| ", " \\|v\\| "), *_rows(part, whole, value, f"{place}.")]
+def _row(path: str, subschema: dict, schema_root: dict, value: object) -> list[str]:
+    description = subschema.get("description", "")
+    subschema = {
+        **_dereferenced(subschema, schema_root),
+        **({"description": description} if description else {}),
+    }
+    description = subschema.get("description", "")
+    row = f"| `{path}` | {_kind(subschema)} | {_default_text(value)} | {description} |"
+    return [row.replace(" |v| ", " \\|v\\| "), *_rows(subschema, schema_root, value, f"{path}.")]
 
 
-def _resolved(part: dict, whole: dict) -> dict:
-    """A part of the schema, references within the file followed."""
-    while part.get("$ref", "").startswith("#/"):
-        target = whole
-        for name in part["$ref"][2:].split("/"):
+def _dereferenced(subschema: dict, schema_root: dict) -> dict:
+    """A subschema with references within the file followed."""
+    while subschema.get("$ref", "").startswith("#/"):
+        target = schema_root
+        for name in subschema["$ref"][2:].split("/"):
             target = target[name]
-        part = target
-    return part
+        subschema = target
+    return subschema
 
 
-def _kind(part: dict) -> str:
-    """What a value may be, in words."""
-    if "$ref" in part:
-        return f"as `{part['$ref']}` says"
-    if "enum" in part:
-        return ", ".join(f"`{one}`" for one in part["enum"])
-    kinds = part.get("type", "")
+def _kind(subschema: dict) -> str:
+    """The type of a value in words."""
+    if "$ref" in subschema:
+        return f"as `{subschema['$ref']}` says"
+    if "enum" in subschema:
+        return ", ".join(f"`{choice}`" for choice in subschema["enum"])
+    kinds = subschema.get("type", "")
     return " or ".join(kinds) if isinstance(kinds, list) else kinds
 
 
-def _shown(value: object) -> str:
+def _default_text(value: object) -> str:
     if value is None or isinstance(value, dict):
         return ""
     text = yaml.safe_dump(value, default_flow_style=True, width=10_000).removesuffix("...\n")
     text = text.strip().replace("|", "\\|")
-    return f"`{text}`" if len(text) < MOST_SHOWN else "a list"
+    return f"`{text}`" if len(text) < MAX_DEFAULT else "a list"

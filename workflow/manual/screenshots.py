@@ -1,7 +1,7 @@
-"""Pictures of what a visitor sees, as a browser shows it: the README's picture, the front page of
-the documentation, the report of the sample: `python -m manual.screenshots docs/screenshots`.
+"""Screenshots of the README's picture, the front page of the documentation and the report of the
+sample: `python -m manual.screenshots docs/screenshots`.
 
-It builds the documentation and diagnoses the sample, in a folder that it removes.
+It builds the documentation and diagnoses the sample in a temporary folder.
 """
 
 import importlib.util
@@ -20,56 +20,56 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parents[2]
 SAMPLE = ROOT / "docs" / "sample"
-WIDTH, HEIGHT = 1200, 900  # px: as much as a laptop shows at once
-TALL = 1750  # px of the report: the answer, where, and the course of the misfit
+WIDTH, HEIGHT = 1200, 900  # px: a laptop's window
+TALL = 1750  # px of the report: down to the misfit over the frames
 
 
-def made(folder: Path) -> dict[str, tuple[Path, int]]:
-    """What is shown by name: the page, built in a folder, and the px of it that are shown."""
-    built, said = folder / "documentation", folder / "sample"
+def screenshot_pages(folder: Path) -> dict[str, tuple[Path, int]]:
+    """The pages by name, built in a folder, and the height of each in px."""
+    html_folder, diagnosis_folder = folder / "documentation", folder / "sample"
     tree = folder / "doctrees"
     python = sys.executable
     commands: tuple[list[str | Path], ...] = (
-        [python, "-m", "sphinx", "-q", "-b", "html", "-d", tree, ROOT / "docs", built],
+        [python, "-m", "sphinx", "-q", "-b", "html", "-d", tree, ROOT / "docs", html_folder],
         [
             *(python, "-m", "eitskin.cli", "diagnose", SAMPLE / "recording.parquet"),
-            *("--query", SAMPLE / "query.parquet", "--out", said),
+            *("--query", SAMPLE / "query.parquet", "--out", diagnosis_folder),
         ],
     )
     for command in commands:
         subprocess.run(command, check=True)
     return {
         "readme_picture": (SAMPLE / "picture.svg", HEIGHT),
-        "docs_front_page": (built / "index.html", HEIGHT),
-        "sample_report": (said / "report.html", TALL),
+        "docs_front_page": (html_folder / "index.html", HEIGHT),
+        "sample_report": (diagnosis_folder / "report.html", TALL),
     }
 
 
 def photograph(browser: "Browser", page: Path, height: int) -> bytes:
-    """The first `height` px of a page as PNG; of a picture, all of it."""
-    shown = browser.new_page(viewport={"width": WIDTH, "height": height})
-    shown.set_default_timeout(PATIENCE_MS)
-    shown.goto(page.resolve().as_uri())
-    root = shown.locator(":root")
-    image = root.screenshot() if page.suffix == ".svg" else shown.screenshot()
-    shown.close()
+    """The first `height` px of a page as PNG; a picture in full."""
+    tab = browser.new_page(viewport={"width": WIDTH, "height": height})
+    tab.set_default_timeout(PATIENCE_MS)
+    tab.goto(page.resolve().as_uri())
+    root = tab.locator(":root")
+    image = root.screenshot() if page.suffix == ".svg" else tab.screenshot()
+    tab.close()
     return image
 
 
-def write(out: Path) -> None:
-    """Write NAME.png of everything that is shown into a folder. Raises InputError as `chromium`
-    does, and where Sphinx is not installed."""
+def write(target_folder: Path) -> None:
+    """Write NAME.png of every page into a folder. Raises InputError as `chromium` does, and without
+    Sphinx."""
     if importlib.util.find_spec("sphinx") is None:
         raise InputError("python", "sphinx", "not installed", "it, from .[docs]")
     with tempfile.TemporaryDirectory() as folder, chromium() as browser:
-        out.mkdir(parents=True, exist_ok=True)
-        for name, (page, height) in made(Path(folder)).items():
-            with atomic_path(out / f"{name}.png") as path:
+        target_folder.mkdir(parents=True, exist_ok=True)
+        for name, (page, height) in screenshot_pages(Path(folder)).items():
+            with atomic_path(target_folder / f"{name}.png") as path:
                 path.write_bytes(photograph(browser, page, height))
 
 
 def run(arguments: list[str]) -> int:
-    """The command; its exit code."""
+    """Run the command; returns its exit code."""
     if len(arguments) != 1:
         print("usage: python -m manual.screenshots FOLDER", file=sys.stderr)
         return 2

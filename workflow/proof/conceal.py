@@ -22,7 +22,7 @@ from proof.planted import Planted
 from proof.refit import Gaps, gaps_in_noise
 from proof.resemblance import moves
 from witness import rig_errors
-from witness.cases import Alike, Case
+from witness.cases import Blinding, Case
 from witness.generators import GENERATORS
 
 LEAST_LEVEL, MOST_LEVEL = 2e-4, 3e-2  # noise over the median |v|, of good and of poor instruments
@@ -75,7 +75,7 @@ def case_of(planned: Planned, sizes: Sizes) -> Case | Planted:
         frames=sizes.frames,
         generator=planned.generator,
         names=None if planned.names is None else list(planned.names),
-        alike=Alike(sizes.query_frames, planned.deep, (LEAST_LEVEL, MOST_LEVEL)),
+        blinding=Blinding(sizes.query_frames, planned.deep, (LEAST_LEVEL, MOST_LEVEL)),
     )
 
 

@@ -156,9 +156,8 @@ def plant(recorded: Recording, faults: list[dict]) -> np.ndarray:
     no_voltage = np.zeros(voltage.shape)
     time_s = recorded.frames["time_s"].to_numpy(float)
     frame_s = recorded.metadata["frame_s"] or 0.0
-    voltage = laws.instrument(
-        faults, voltage, no_voltage, no_voltage, time_s, channels, frame_s, 0.0
-    )
+    readout = laws.Readout(no_voltage, time_s, channels, frame_s, 0.0)
+    voltage = laws.instrument(faults, voltage, no_voltage, readout)
     for fault in faults:
         if fault["name"] == "lost-channels":
             voltage[:, fault["channels"]] = np.nan
@@ -325,16 +324,15 @@ def draw_fault(
     snr_wanted = float(np.exp(rng.uniform(*np.log(SNR))))
     while True:
         strength = _strength(rng, name, recorded)
-        assert (
-            strength.unit is not None and strength.most is not None
-        )  # as of all faults but those above
-        if strength.scope != "dense" and visible_snr(strength.at(strength.most)) > 0.0:
+        # As of all faults but those above.
+        assert strength.unit is not None and strength.max_strength is not None
+        if strength.scope != "dense" and visible_snr(strength.law_at(strength.max_strength)) > 0.0:
 
-            def at(a: float, law: Callable[[float], dict] = strength.at) -> float:
+            def at(a: float, law: Callable[[float], dict] = strength.law_at) -> float:
                 return visible_snr(law(a))
 
-            a, snr = scaled(at, strength.unit, strength.most, snr_wanted)
-            return strength.at(a), snr
+            a, snr = scaled(at, strength.unit, strength.max_strength, snr_wanted)
+            return strength.law_at(a), snr
 
 
 def _strength(rng: np.random.Generator, name: str, recorded: Recording) -> strengths.Strength:

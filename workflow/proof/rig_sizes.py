@@ -107,7 +107,7 @@ def _log_sd(state: Explanation, kind: str, true: float) -> float:
 def _true(case: cases.Case, error: RigError, seen_mask: np.ndarray) -> float:
     """Root mean square of the errors that were drawn, over what was seen."""
     frames = np.asarray(seen_mask.any(axis=1))
-    if USUAL[error.kind].of == "states":
+    if USUAL[error.kind].target == "states":
         return _of_states(case, error, frames)
     if error.kind == "quantisation":
         return _rounded(case, error, frames)

@@ -1,4 +1,4 @@
-"""The emulated rig's configuration and the faults that come by its standard input."""
+"""The configuration of the emulated rig, and faults from its standard input."""
 
 import json
 from pathlib import Path
@@ -14,14 +14,14 @@ SCHEMA = Path(__file__).parents[1] / "schemas" / "rigsim.schema.yaml"
 
 
 def read_config(path: str | Path) -> dict:
-    """The configuration. Raises InputError, one line, where it is no YAML or breaks the schema."""
+    """The configuration. Raises InputError, one line, for no YAML and for a broken schema."""
     config = yaml_file.read(path)
     _refuse(path, config, _schema())
     return config
 
 
 def read_fault(line: str) -> dict:
-    """A fault of one line of JSON. Raises InputError where it is none."""
+    """The fault in one line of JSON. Raises InputError where it is none."""
     try:
         fault = json.loads(line)
     except ValueError as error:
@@ -38,5 +38,5 @@ def _schema() -> dict:
 def _refuse(file: str | Path, value: object, schema: dict) -> None:
     error = jsonschema.exceptions.best_match(Validator(schema).iter_errors(value))
     if error is not None:
-        place, found, expected = explained(error)
-        raise InputError(file, ".".join(map(str, place)) or "top level", found, expected)
+        place, content, expected = explained(error)
+        raise InputError(file, ".".join(map(str, place)) or "top level", content, expected)

@@ -11,11 +11,11 @@ import signal
 import subprocess
 import sys
 
-ENDING_S = 60.0
+ENDING_S = 60.0  # for the arm to be lifted, far longer than any press takes
 
 
 def main() -> int:
-    """Run both; the exit code."""
+    """Run both; returns the exit code."""
     parser = argparse.ArgumentParser(prog="rigsim.during", description=__doc__.splitlines()[0])
     parser.add_argument("config", help="the emulated rig's YAML file")
     parser.add_argument("command", nargs=argparse.REMAINDER, help="what is run meanwhile")
@@ -31,23 +31,23 @@ def main() -> int:
         assert emulator.stdin is not None and emulator.stdout is not None
         if not emulator.stdout.readline():
             return emulator.wait()
-        early: list[int] = []
-        signal.signal(signal.SIGTERM, lambda number, _frame: early.append(number))
+        early_signals: list[int] = []
+        signal.signal(signal.SIGTERM, lambda number, _frame: early_signals.append(number))
         with subprocess.Popen(arguments.command) as command:
             signal.signal(signal.SIGINT, signal.SIG_IGN)
             signal.signal(signal.SIGTERM, lambda number, _frame: command.send_signal(number))
-            for number in early:
+            for number in early_signals:
                 command.send_signal(number)
             code = command.wait()
         emulator.stdin.close()
         try:
-            broken = emulator.wait(ENDING_S)
+            emulator_code = emulator.wait(ENDING_S)
         except subprocess.TimeoutExpired:
             emulator.kill()
-            broken = emulator.wait()
-    if broken:
-        print(f"the emulated rig ended with {broken}", file=sys.stderr)
-    return code or broken
+            emulator_code = emulator.wait()
+    if emulator_code:
+        print(f"the emulated rig ended with {emulator_code}", file=sys.stderr)
+    return code or emulator_code
 
 
 if __name__ == "__main__":

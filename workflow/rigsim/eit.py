@@ -15,13 +15,13 @@ from rigsim.log import EventLog
 from rigsim.ptys import Host, SerialPort
 from rigsim.world import N_ELECTRODES, Press, World
 
-STEP_V = 2.2 / 1024  # of a 10-bit converter of 2.2 V
-MOST_V = 1.1  # RMS
+STEP_V = 2.2 / 1024  # of the board's 10-bit converter with 2.2 V
+MAX_V = 1.1  # RMS, half of the converter's range
 
 
 def quantised(reading_V: np.ndarray) -> np.ndarray:
-    """RMS values (M,) V as the converter has them."""
-    return np.clip(np.round(reading_V / STEP_V) * STEP_V, 0.0, MOST_V)
+    """RMS values (M,) V rounded and clipped as by the converter."""
+    return np.clip(np.round(reading_V / STEP_V) * STEP_V, 0.0, MAX_V)
 
 
 def values(reading_V: np.ndarray, channels: np.ndarray) -> np.ndarray:
@@ -37,7 +37,7 @@ def text(line_V: np.ndarray) -> bytes:
 
 
 class Board:
-    """The board's loop. `corrupt` is what faults do: from (values, line) to the bytes sent."""
+    """The board's loop. Faults set `corrupt`, from (values, line) to the bytes sent."""
 
     def __init__(self, config: dict, world: World, speedup: float, log: EventLog, start: float):
         self.port = SerialPort(config["link"])
@@ -48,26 +48,26 @@ class Board:
         self.corrupt: Callable[[np.ndarray, bytes], bytes] = lambda values, line: line
 
     async def warm(self) -> None:
-        """A first solve, which takes far longer than a frame."""
+        """Solve once in advance, which takes far longer than a frame."""
         loop = asyncio.get_running_loop()
         await loop.run_in_executor(None, self.world.voltages, 0.0, self.frame_s, None)
 
     async def run(self) -> None:
-        """Frame after frame, while the host has the port open."""
+        """Send frames while the host has the port open."""
         loop = asyncio.get_running_loop()
         while True:
             if not self.host.listens():
                 await asyncio.sleep(0.02)
                 continue
-            if said := self.port.read():
-                self.log.write("board heard", bytes=said.decode("latin-1"))
+            if host_bytes := self.port.read():
+                self.log.write("board heard", bytes=host_bytes.decode("latin-1"))
             began = time.monotonic()
             await asyncio.sleep(self.frame_s)
             ended = time.monotonic()
-            begin = began - self.start
-            press = self.world.press_since(begin, ended - self.start)
+            start_s = began - self.start
+            press = self.world.press_since(start_s, ended - self.start)
             clean = await loop.run_in_executor(
-                None, self.world.voltages, begin, ended - began, press
+                None, self.world.voltages, start_s, ended - began, press
             )
             line_V = values(self.world.readings(clean), self.world.channels)
             await self._send(line_V, began, ended, press)

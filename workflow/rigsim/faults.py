@@ -1,60 +1,69 @@
-"""What goes wrong, by script: when a fault begins, what it does, when it is over."""
+"""Faults of the emulated rig, by script: when each begins, its action, and when it ends."""
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from eitskin.errors import InputError
-from rigsim.eit import MOST_V, Board, text
+from rigsim.eit import MAX_V, Board, text
 from rigsim.load import KG, LBS, LoadCell, OpenScale
 from rigsim.log import EventLog
 from rigsim.robot import Controller
 from rigsim.ur import RtdeServer
 from rigsim.world import N_ELECTRODES, World
 
-DRIVEN_V = 0.0215
-SPIKE_N, OFFSET_N, DRIFT_N_PER_S = 30.0, 2.0, 1.0
+DRIVEN_V = 0.0215  # of a pair with a driven electrode: ten steps of the converter
+SPIKE_N, OFFSET_N, DRIFT_N_PER_S = 30.0, 2.0, 1.0  # far above noise, unless the fault gives a size
 LINES = ("short", "long", "joined", "garbled", "duplicated", "driven", "saturated")
 LONG_VALUES = 512  # as in the first line of logs by DSHardman's lab
 
 
-class Faults:
-    """The faults that wait, and those that last.
+@dataclass(frozen=True)
+class Parts:
+    """The parts of the rig that faults act on."""
 
-    A fault: {fault: its name, what must hold when it begins (contact, depth_mm, force_N,
-    pressing_s, time_s, moving), for_s, end, count, size}, as the configuration's schema says.
+    world: World
+    robot: Controller
+    rtde: RtdeServer
+    board: Board
+    cell: LoadCell
+
+
+class Faults:
+    """The pending and the lasting faults.
+
+    A fault: {fault: its name, the conditions for its begin (contact, depth_mm, force_N,
+    pressing_s, time_s, moving), for_s, end, count, size}, as in the configuration's schema.
     refuse: closes (True) and opens RTDE's port; start: the world's beginning, s.
     """
 
     def __init__(
         self,
-        world: World,
-        robot: Controller,
-        rtde: RtdeServer,
-        board: Board,
-        cell: LoadCell,
+        parts: Parts,
         log: EventLog,
         refuse: Callable[[bool], None],
         seed: int,
         start: float,
     ):
-        self.world, self.robot, self.rtde, self.board, self.cell = world, robot, rtde, board, cell
+        self.world, self.robot, self.rtde = parts.world, parts.robot, parts.rtde
+        self.board, self.cell = parts.board, parts.cell
         self.log, self.refuse = log, refuse
         self.rng = np.random.default_rng([seed, 4])
-        self.waiting: list[dict] = []
+        self.pending: list[dict] = []
         self._lasting: list[tuple[float, str, Callable[[], None]]] = []
         self._start = start
 
     def tick(self, t: float) -> None:
-        """Begin and end what is due at t s."""
-        for fault in [fault for fault in self.waiting if self._due(fault, t)]:
-            self.waiting.remove(fault)
+        """Begin and end the faults that are due at t s."""
+        for fault in [fault for fault in self.pending if self._due(fault, t)]:
+            self.pending.remove(fault)
             self.begin(fault, t)
         self._end([lasting for lasting in self._lasting if lasting[0] <= t])
 
-    def _end(self, over: list[tuple[float, str, Callable[[], None]]]) -> None:
-        for lasting in over:
+    def _end(self, ended: list[tuple[float, str, Callable[[], None]]]) -> None:
+        for lasting in ended:
             self._lasting.remove(lasting)
             lasting[2]()
             self.log.write("fault over", fault=lasting[1])
@@ -74,7 +83,7 @@ class Faults:
         return t - self._start >= fault.get("time_s", 0.0)
 
     def begin(self, fault: dict, t: float) -> None:
-        """Let a fault happen now."""
+        """Begin a fault at t s, or end a lasting one."""
         name = fault["fault"]
         if fault.get("end"):
             self._end([lasting for lasting in self._lasting if lasting[1] == name])
@@ -85,25 +94,25 @@ class Faults:
             now={
                 "contact": self.world.contacts,
                 "depth_mm": round(self.world.depth_mm, 4),
-                **self.world.felt(),
+                **self.world.force_entry(),
             },
         )
-        part, _, what = name.partition("_")
-        if part == "board" and what in LINES:
-            self._spoil(getattr(self, f"_{what}"), fault.get("count", 1))
+        device, _, action = name.partition("_")
+        if device == "board" and action in LINES:
+            self._spoil(getattr(self, f"_{action}"), fault.get("count", 1))
             return
         undo = getattr(self, f"_{name}")(fault, t)
         if undo is not None:
             self._lasting.append((t + fault.get("for_s", np.inf), name, undo))
 
-    # Board: what becomes of a line.
+    # Board: changes of a line.
 
     def _spoil(self, change: Callable, count: int) -> None:
-        left = [count]
+        remaining = [count]
 
         def corrupt(values: np.ndarray, line: bytes) -> bytes:
-            left[0] -= 1
-            if left[0] <= 0:
+            remaining[0] -= 1
+            if remaining[0] <= 0:
                 self.board.corrupt = unspoiled
             return change(values, line)
 
@@ -132,7 +141,7 @@ class Faults:
         return text(spoilt)
 
     def _saturated(self, values: np.ndarray, line: bytes) -> bytes:
-        return text(np.where(values >= np.quantile(values, 0.9), MOST_V, values))
+        return text(np.where(values >= np.quantile(values, 0.9), MAX_V, values))
 
     def _board_silent(self, fault: dict, t: float) -> Callable[[], None]:
         self.board.corrupt = lambda values, line: b""
@@ -148,19 +157,19 @@ class Faults:
 
     # Load cell.
 
-    def _say(self, said: Callable[[bytes], bytes | None]) -> Callable[[], None]:
-        self.cell.said = said
+    def _say(self, line_fault: Callable[[bytes], bytes | None]) -> Callable[[], None]:
+        self.cell.line_fault = line_fault
 
         def undo() -> None:
-            self.cell.said = lambda line: line
+            self.cell.line_fault = lambda line: line
 
         return undo
 
-    def _feel(self, felt: Callable[[float], float]) -> Callable[[], None]:
-        self.cell.felt = felt
+    def _feel(self, force_fault: Callable[[float], float]) -> Callable[[], None]:
+        self.cell.force_fault = force_fault
 
         def undo() -> None:
-            self.cell.felt = lambda force: force
+            self.cell.force_fault = lambda force: force
 
         return undo
 
@@ -171,20 +180,20 @@ class Faults:
         return self._say(lambda line: b"nan\r\n")
 
     def _load_cell_frozen(self, fault: dict, t: float) -> Callable[[], None]:
-        frozen: list[bytes] = []
+        lines: list[bytes] = []
 
-        def said(line: bytes) -> bytes:
-            frozen.append(line)
-            return frozen[0]
+        def first_line(line: bytes) -> bytes:
+            lines.append(line)
+            return lines[0]
 
-        return self._say(said)
+        return self._say(first_line)
 
     def _load_cell_spike(self, fault: dict, t: float) -> None:
-        def felt(force: float) -> float:
+        def spiked(force: float) -> float:
             undo()
             return force + fault.get("size", SPIKE_N)
 
-        undo = self._feel(felt)
+        undo = self._feel(spiked)
 
     def _load_cell_drift(self, fault: dict, t: float) -> Callable[[], None]:
         rate = fault.get("size", DRIFT_N_PER_S)
@@ -238,9 +247,9 @@ class Faults:
         return lambda: self.refuse(False)
 
     def _rtde_in_use(self, fault: dict, t: float) -> Callable[[], None]:
-        somebody = object()
-        self.rtde.claim_all(somebody)
-        return lambda: self.rtde.release_all(somebody)
+        owner = object()
+        self.rtde.claim_all(owner)
+        return lambda: self.rtde.release_all(owner)
 
     def _protective_stop(self, fault: dict, t: float) -> None:
         self.robot.protective_stop()
@@ -254,5 +263,5 @@ class Faults:
 
 
 def unspoiled(values: np.ndarray, line: bytes) -> bytes:
-    """What a board sends when nothing is wrong."""
+    """The line of a board without a fault."""
     return line

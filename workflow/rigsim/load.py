@@ -1,4 +1,4 @@
-"""Load cells: one force a line over a serial line.
+"""Load cells: one force in each line over a serial port.
 
 The paper's, an Arduino with an HX711 (force_sensor.ino of knazari/eit_hybrid_state_estimation),
 and SparkFun's OpenScale (firmware v1.2). Opening the port resets either.
@@ -16,21 +16,21 @@ from rigsim.ptys import Host, SerialPort
 from rigsim.world import World
 
 BANNER = b"Load cell ready. Readings in Newtons (N):\r\n"
-TARE_READINGS = 10
-MEAN_OF = 4
+TARE_READINGS = 10  # of the paper's sketch
+MEAN_LENGTH = 4  # of the paper's sketch
 HEADER = b"\r\nSerial Load Cell Converter version 1.2\r\nBy SparkFun Electronics\r\n"
 KG, LBS = ("kg", 9.80665), ("lbs", 4.4482216)  # name, N of one
 MENU = b"\r\n1) Tare scale\r\nx) Exit\r\n>"
-ROOM_C = 24.75
-BOOT_S = 0.2  # of which no speedup makes less: a host that opens a port empties it first
+ROOM_C = 24.75  # a usual temperature of the OpenScale
+BOOT_S = 0.2  # independent of the speedup: a host that opens a port empties it first
 
 
 class LoadCell:
-    """The paper's sketch: it tares over 10 readings, says its banner, then prints, after each
-    reading, the mean of up to 4.
+    """The paper's sketch: it tares over 10 readings, prints its banner, then prints the mean of up
+    to 4 readings after each.
 
-    Faults change what the cell feels (`felt`, N) and what it says (`said`; None: nothing), or
-    reset it (`resets`).
+    Faults change the force (`force_fault`, N) and the line (`line_fault`; None: no line), or reset
+    the cell (`resets`).
     """
 
     def __init__(self, config: dict, world: World, speedup: float, log: EventLog, seed: int):
@@ -40,18 +40,18 @@ class LoadCell:
         self.noise_N = config["noise_N"]
         self.world, self.log = world, log
         self.rng = np.random.default_rng([seed, 3])
-        self.felt: Callable[[float], float] = lambda force: force
-        self.said: Callable[[bytes], bytes | None] = lambda line: line
+        self.force_fault: Callable[[float], float] = lambda force: force
+        self.line_fault: Callable[[bytes], bytes | None] = lambda line: line
         self.resets = False
         self.zero_N = 0.0
-        self.recent: deque[float] = deque(maxlen=MEAN_OF)
+        self.recent: deque[float] = deque(maxlen=MEAN_LENGTH)
 
     def reading(self) -> float:
         """One reading of the bridge, N."""
-        return self.felt(self.world.force_N) + self.noise_N * self.rng.standard_normal()
+        return self.force_fault(self.world.force_N) + self.noise_N * self.rng.standard_normal()
 
     async def run(self) -> None:
-        """Reset whenever the host opens the port; then reading after reading."""
+        """Reset whenever the host opens the port, then print readings."""
         while True:
             if not self.host.listens():
                 await asyncio.sleep(0.02)
@@ -67,30 +67,30 @@ class LoadCell:
                 await self.loop()
 
     async def setup(self) -> None:
-        """What the device does after a reset."""
+        """The device's actions after a reset."""
         self.recent.clear()
         await self.tare()
         self.say(BANNER)
 
     async def tare(self) -> None:
-        """Take what it feels now for zero."""
-        taken = []
+        """Set zero to the present force."""
+        readings = []
         for _ in range(TARE_READINGS):
             await asyncio.sleep(self.period_s)
-            taken.append(self.reading())
-        self.zero_N = float(np.mean(taken))
+            readings.append(self.reading())
+        self.zero_N = float(np.mean(readings))
         self.log.write("load cell tared", zero_N=round(self.zero_N, 5))
 
     async def loop(self) -> None:
-        """What it does once a reading."""
+        """The device's actions for each reading."""
         self.recent.append(self.reading() - self.zero_N)
         self.say(f"{np.mean(self.recent):.4f}\r\n".encode())
-        if heard := self.port.read():
-            self.log.write("load cell heard", bytes=heard.decode("latin-1"))
+        if host_bytes := self.port.read():
+            self.log.write("load cell heard", bytes=host_bytes.decode("latin-1"))
 
     def say(self, line: bytes) -> None:
-        """Print, or what a fault makes of it."""
-        data = self.said(line)
+        """Print a line, as changed by a fault."""
+        data = self.line_fault(line)
         if data and self.port.open_by_host():
             self.host.unread()
             self.port.write(data)
@@ -108,13 +108,13 @@ class OpenScale(LoadCell):
     began = 0.0
 
     async def setup(self) -> None:
-        """Its header, once it has booted."""
+        """Print the header after booting."""
         await asyncio.sleep(BOOT_S)
         self.began, self.in_menu = time.monotonic(), False
         self.say(HEADER)
 
     async def loop(self) -> None:
-        """A line, unless it is in its menu."""
+        """Handle the host's keys and print a line, unless in the menu."""
         for key in self.port.read().decode("latin-1"):
             self.log.write("load cell heard", bytes=key)
             if key == "x":

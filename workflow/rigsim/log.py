@@ -1,4 +1,4 @@
-"""What happened in the emulated world, one JSON object a line."""
+"""The events of the emulated world, one JSON object in each line."""
 
 import json
 import time
@@ -8,7 +8,7 @@ from pathlib import Path
 class EventLog:
     """Append-only JSONL; every entry has `t`, the machine's monotonic clock in s, and `event`.
 
-    violations: how many rules the driver has broken so far.
+    violations: the number of rules the driver has broken so far.
     """
 
     def __init__(self, path: str | Path):
@@ -18,12 +18,12 @@ class EventLog:
         self.violations = 0
 
     def write(self, event: str, **values: object) -> None:
-        """One entry, on disk's way before this returns."""
+        """Append one entry, given to the operating system before this returns."""
         entry = {"t": round(time.monotonic(), 6), "event": event, **values}
         with self.path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(entry) + "\n")
 
     def violation(self, rule: str, **values: object) -> None:
-        """The driver broke a rule."""
+        """Count and log a rule broken by the driver."""
         self.violations += 1
         self.write("violation", rule=rule, **values)

@@ -1,4 +1,4 @@
-"""How a tool moves: paths of constant acceleration, piece by piece."""
+"""Motions of a tool: piecewise constant acceleration."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,8 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Piece:
-    """From `start` s on: pose (6,) m and rotation vector, velocity (6,), acceleration (6,)."""
+    """The motion from `start` s on: pose (6,) in m and as rotation vector, velocity (6,),
+    acceleration (6,)."""
 
     start: float
     pose: np.ndarray
@@ -23,19 +24,19 @@ class Piece:
 
 @dataclass(frozen=True)
 class Motion:
-    """Pieces in order of time; after the last one the tool rests, unless that one moves on."""
+    """Pieces in order of time; the last one is at rest, or has a constant velocity."""
 
     pieces: tuple[Piece, ...]
 
     @classmethod
     def rest(cls, pose: np.ndarray) -> "Motion":
-        """No motion, at `pose`."""
+        """The motion at rest at `pose`."""
         pose = np.asarray(pose, dtype=float)
         return cls((Piece(-np.inf, pose, np.zeros(6), np.zeros(6)),))
 
     @property
     def end(self) -> float:
-        """s, when the tool comes to rest; infinite where it never does."""
+        """The time s at which the tool comes to rest; infinite where it never does."""
         return np.inf if self.pieces[-1].velocity.any() else self.pieces[-1].start
 
     def at(self, t: float) -> tuple[np.ndarray, np.ndarray]:
@@ -57,41 +58,50 @@ class Motion:
 def line(
     pose: np.ndarray, target: np.ndarray, speed: float, acceleration: float, t: float
 ) -> Motion:
-    """Motion from rest at `pose` straight to `target` (6,), a trapezoid of speed (m/s, m/s²).
+    """Motion from rest at `pose` straight to `target` (6,) with a trapezoidal speed (m/s, m/s²).
 
     Where only the tool's direction changes, speed and acceleration are rad/s and rad/s².
     """
     pose, target = np.asarray(pose, dtype=float), np.asarray(target, dtype=float)
-    way = target - pose
-    length = float(np.linalg.norm(way[:3]) or np.linalg.norm(way[3:]))
+    displacement = target - pose
+    length = float(np.linalg.norm(displacement[:3]) or np.linalg.norm(displacement[3:]))
     if length < 1e-9:
         return Motion.rest(target)
-    top = min(speed, np.sqrt(acceleration * length))
-    ramp = top / acceleration
-    cruise = (length - top * ramp) / top
-    unit = way / length
-    up = Piece(t, pose, np.zeros(6), unit * acceleration)
-    level = Piece(t + ramp, up.at(t + ramp)[0], unit * top, np.zeros(6))
-    down_at = t + ramp + cruise
-    down = Piece(down_at, level.at(down_at)[0], unit * top, -unit * acceleration)
-    still = Piece(down_at + ramp, target, np.zeros(6), np.zeros(6))
-    return Motion((up, level, down, still))
+    top_speed = min(speed, np.sqrt(acceleration * length))
+    ramp = top_speed / acceleration
+    cruise = (length - top_speed * ramp) / top_speed
+    unit = displacement / length
+    acceleration_piece = Piece(t, pose, np.zeros(6), unit * acceleration)
+    cruise_piece = Piece(
+        t + ramp, acceleration_piece.at(t + ramp)[0], unit * top_speed, np.zeros(6)
+    )
+    braking_start = t + ramp + cruise
+    braking_piece = Piece(
+        braking_start, cruise_piece.at(braking_start)[0], unit * top_speed, -unit * acceleration
+    )
+    end_piece = Piece(braking_start + ramp, target, np.zeros(6), np.zeros(6))
+    return Motion((acceleration_piece, cruise_piece, braking_piece, end_piece))
 
 
 def change_speed(motion: Motion, velocity: np.ndarray, acceleration: float, t: float) -> Motion:
-    """Motion from where `motion` is at t s to a constant velocity (6,), at an acceleration of m/s²
-    (rad/s² where only the direction changes)."""
-    pose, now = motion.at(t)
-    change = np.asarray(velocity, dtype=float) - now
+    """Motion from the state of `motion` at t s to a constant velocity (6,), with an acceleration in
+    m/s² (rad/s² where only the direction changes)."""
+    pose, current_velocity = motion.at(t)
+    change = np.asarray(velocity, dtype=float) - current_velocity
     size = float(np.linalg.norm(change[:3]) or np.linalg.norm(change[3:]))
     if size < 1e-12:
         return Motion((Piece(t, pose, np.asarray(velocity, dtype=float), np.zeros(6)),))
-    lasts = size / acceleration
-    turn = Piece(t, pose, now, change / lasts)
-    then = Piece(t + lasts, turn.at(t + lasts)[0], np.asarray(velocity, dtype=float), np.zeros(6))
-    return Motion((turn, then))
+    duration = size / acceleration
+    change_piece = Piece(t, pose, current_velocity, change / duration)
+    end_piece = Piece(
+        t + duration,
+        change_piece.at(t + duration)[0],
+        np.asarray(velocity, dtype=float),
+        np.zeros(6),
+    )
+    return Motion((change_piece, end_piece))
 
 
 def stop(motion: Motion, deceleration: float, t: float) -> Motion:
-    """Motion from where `motion` is at t s to rest, at m/s²."""
+    """Motion from the state of `motion` at t s to rest, with a deceleration in m/s²."""
     return change_speed(motion, np.zeros(6), deceleration, t)

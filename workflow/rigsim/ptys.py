@@ -1,4 +1,4 @@
-"""A serial port that is none: a pseudo-terminal with a published link."""
+"""An emulated serial port: a pseudo-terminal with a published link."""
 
 import array
 import asyncio
@@ -15,9 +15,9 @@ from pathlib import Path
 from rigsim.log import EventLog
 
 PATIENCE_S = 2.0  # with a host that does not read
-SETTING_UP_S = 0.5  # from a port's opening to its speed
+SETTING_UP_S = 0.5  # for a host to set the speed after opening the port
 # Linux shows at most this many unread bytes of a terminal; more wait behind them.
-MOST_SHOWN = 4095
+MAX_UNREAD = 4095
 
 
 class SerialPort:
@@ -38,7 +38,7 @@ class SerialPort:
         return self._master is not None
 
     def plug_in(self) -> None:
-        """A new terminal, raw, and the link to it."""
+        """Make a new raw terminal and the link to it."""
         if self.plugged:
             return
         self._master, slave = os.openpty()
@@ -53,14 +53,14 @@ class SerialPort:
         os.replace(temporary, self.link)
 
     def unplug(self) -> None:
-        """The cable is pulled: the host's reads and writes fail."""
+        """Pull the cable: the host's reads and writes fail."""
         if self._master is not None:
             self.link.unlink(missing_ok=True)
             os.close(self._master)
             self._master = None
 
     def open_by_host(self) -> bool:
-        """Whether somebody has the port open."""
+        """Whether a host has the port open."""
         if self._master is None:
             return False
         poll = select.poll()
@@ -72,11 +72,11 @@ class SerialPort:
         assert self._master is not None
         speed = termios.tcgetattr(self._master)[5]
         names = (name for name in dir(termios) if name[0] == "B" and name[1:].isdigit())
-        found = [int(name[1:]) for name in names if getattr(termios, name) == speed]
-        return found[0] if found else None
+        rates = [int(name[1:]) for name in names if getattr(termios, name) == speed]
+        return rates[0] if rates else None
 
     def write(self, data: bytes) -> int:
-        """Send; how many bytes found room."""
+        """Send without waiting; returns the number of bytes sent."""
         if self._master is None:
             return 0
         try:
@@ -89,7 +89,7 @@ class SerialPort:
             return 0  # the host has just closed it
 
     async def send(self, data: bytes, patience_s: float) -> int:
-        """Send all, waiting for room as a device does; how many bytes found some in time."""
+        """Send all, waiting for room as a device does; returns the number of bytes sent in time."""
         sent, give_up = self.write(data), time.monotonic() + patience_s
         while sent < len(data) and self.open_by_host() and time.monotonic() < give_up:
             await asyncio.sleep(0.005)
@@ -97,14 +97,14 @@ class SerialPort:
         return sent
 
     def read(self) -> bytes:
-        """What the host has sent."""
+        """The bytes that the host has sent."""
         if self._master is not None:
             with contextlib.suppress(OSError):
                 return os.read(self._master, 4096)
         return b""
 
     def unread(self) -> int:
-        """Bytes that wait for the host, as far as Linux shows: at most `MOST_SHOWN`."""
+        """The number of bytes not yet read by the host, at most `MAX_UNREAD`, as shown by Linux."""
         terminal = os.open(self._terminal, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         try:
             count = array.array("i", [0])
@@ -115,8 +115,8 @@ class SerialPort:
 
 
 class Host:
-    """Watches whoever has a port open: the speed it sets, bytes that it leaves unread for longer
-    than `patience_s`."""
+    """Supervision of the host that has a port open: the speed it sets, and bytes it leaves unread
+    for longer than `patience_s`."""
 
     def __init__(self, name: str, port: SerialPort, baud: int, log: EventLog):
         self.name, self.port, self.baud, self.log = name, port, baud, log
@@ -134,18 +134,19 @@ class Host:
         if not is_open and self._opened_at is not None:
             self._opened_at = None
             self.log.write(f"{self.name} closed")
-        # A host opens first and sets the speed then.
+        # A host opens the port before it sets the speed.
         settled = self._opened_at is not None and t - self._opened_at > SETTING_UP_S
         if settled and not self._baud_seen:
             self._baud_seen = True
-            if (found := self.port.baud()) != self.baud:
-                self.log.violation(f"{self.name} baud", found=found, expected=self.baud)
+            if (baud := self.port.baud()) != self.baud:
+                self.log.violation(f"{self.name} baud", found=baud, expected=self.baud)
         return is_open
 
     def unread(self) -> int:
-        """Bytes that wait for it; a violation where they have been too many for too long."""
+        """The number of bytes it has not read; logs a violation where they are too many for too
+        long."""
         unread, t = self.port.unread(), time.monotonic()
-        if unread < MOST_SHOWN:
+        if unread < MAX_UNREAD:
             self._full_since = None
         elif self._full_since is None:
             self._full_since = t

@@ -1,4 +1,4 @@
-"""Every part of the emulated rig, and the world's clock."""
+"""The parts of the emulated rig and the world's clock."""
 
 import asyncio
 import json
@@ -12,7 +12,7 @@ import numpy as np
 from eitskin.errors import InputError
 from rigsim.config import read_fault
 from rigsim.eit import Board
-from rigsim.faults import Faults
+from rigsim.faults import Faults, Parts
 from rigsim.load import PROFILES
 from rigsim.log import EventLog
 from rigsim.robot import Controller
@@ -26,7 +26,7 @@ from rigsim.ur import (
 )
 from rigsim.world import DRAG_MM, World
 
-RULES_BROKEN = 3
+RULES_BROKEN = 3  # exit code
 
 
 class Rig:
@@ -40,31 +40,22 @@ class Rig:
         speedup, rules = config["speedup"], config["rules"]
         pose = config["robot"]["pose"]
         self.robot = Controller(config["series"], pose, speedup, rules, self.log)
-        self.robot.felt = self.world.felt
+        self.robot.force_entry = self.world.force_entry
         self.board = Board(config["board"], self.world, speedup, self.log, self.start)
         cell = config["load_cell"]
         self.cell = PROFILES[cell["profile"]](cell, self.world, speedup, self.log, config["seed"])
         self.rtde = RtdeServer(self.robot, self.log)
-        self.faults = Faults(
-            self.world,
-            self.robot,
-            self.rtde,
-            self.board,
-            self.cell,
-            self.log,
-            self._refuse_rtde,
-            config["seed"],
-            self.start,
-        )
-        self.faults.waiting = list(config["faults"])
-        self._said: set[str] = set()
-        self._over = asyncio.Event()
+        parts = Parts(self.world, self.robot, self.rtde, self.board, self.cell)
+        self.faults = Faults(parts, self.log, self._refuse_rtde, config["seed"], self.start)
+        self.faults.pending = list(config["faults"])
+        self._reported_rules: set[str] = set()
+        self._stopping = asyncio.Event()
         self._bug: BaseException | None = None
         self._listening: dict[int, asyncio.Server] = {}
         self._reopening: asyncio.Task | None = None
 
     async def run(self) -> int:
-        """Listen, say where, and live until standard input ends or a signal comes.
+        """Listen, print the endpoints, and run until standard input ends or a signal comes.
 
         The exit code: 0, or RULES_BROKEN where the driver broke a rule.
         """
@@ -72,7 +63,7 @@ class Rig:
         self.log.write("start", config=self.config)
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(number, self._over.set)
+            loop.add_signal_handler(number, self._stopping.set)
         loop.set_exception_handler(self._broken)
         await self.board.warm()
         servers = {
@@ -92,36 +83,36 @@ class Rig:
             "log": str(self.log.path),
         }
         print(json.dumps(endpoints), flush=True)
-        over = asyncio.create_task(self._over.wait())
-        done, _ = await asyncio.wait([over, *tasks], return_when=asyncio.FIRST_COMPLETED)
+        stop_task = asyncio.create_task(self._stopping.wait())
+        done, _ = await asyncio.wait([stop_task, *tasks], return_when=asyncio.FIRST_COMPLETED)
         for task in tasks:
             task.cancel()
         self.board.port.unplug()
         self.cell.port.unplug()
-        self.log.write("end", violations=self.log.violations, **self.world.felt())
-        for ended in done - {over}:
-            ended.result()
+        self.log.write("end", violations=self.log.violations, **self.world.force_entry())
+        for task_done in done - {stop_task}:
+            task_done.result()
         if self._bug is not None:
             raise self._bug
         return RULES_BROKEN if self.log.violations else 0
 
     def _broken(self, loop: asyncio.AbstractEventLoop, context: dict) -> None:
-        """A connection met a bug of the emulator itself: it ends, so that no test goes on."""
+        """Stop on an exception of the emulator itself, so that no test continues."""
         error = context.get("exception")
         if error is None or isinstance(error, ConnectionError):
             loop.default_exception_handler(context)
             return
         self._bug = error
-        self._over.set()
+        self._stopping.set()
 
     async def _tick(self) -> None:
         """The world's clock: the controller's cycle."""
         period = 1.0 / self.robot.series.cycle_Hz
-        due = last = time.monotonic()
+        due = previous = time.monotonic()
         while True:
             t = time.monotonic()
-            self.robot.tick(t - last)
-            last = t
+            self.robot.tick(t - previous)
+            previous = t
             self._step(t)
             due = max(due + period, t)
             await asyncio.sleep(due - time.monotonic())
@@ -138,16 +129,16 @@ class Rig:
                 x_mm=round(x, 4),
                 y_mm=round(y, 4),
                 probe_mm=self.world.probe_mm(),
-                **self.world.felt(),
+                **self.world.force_entry(),
             )
         self._check_world(pose)
         self.faults.tick(t)
 
     def _check_world(self, pose: np.ndarray) -> None:
-        """Rules that the world itself sees broken, each told once a press."""
+        """Log the rules broken in the world, each once a press."""
         world, hard_N = self.world, self.config["rules"]["hard_N"]
         if not world.touching:
-            self._said.clear()
+            self._reported_rules.clear()
             return
         x, y = world.on_skin_mm(pose)
         broken = {
@@ -157,22 +148,22 @@ class Rig:
             "presses on the skin": x * x + y * y > world.radius_mm**2,
         }
         for rule, is_broken in broken.items():
-            if is_broken and rule not in self._said:
-                self._said.add(rule)
+            if is_broken and rule not in self._reported_rules:
+                self._reported_rules.add(rule)
                 self.log.violation(rule, force_N=round(world.force_N, 4), x_mm=x, y_mm=y)
 
     async def _control(self) -> None:
-        """Faults from standard input; its end is the parent's."""
+        """Read faults from standard input; stop at its end, the parent's."""
         loop = asyncio.get_running_loop()
         reader = asyncio.StreamReader()
         await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
         while line := await reader.readline():
             try:
-                self.faults.waiting.append(read_fault(line.decode()))
+                self.faults.pending.append(read_fault(line.decode()))
             except InputError as error:
                 self.log.write("control refused", reason=str(error))
                 print(error, file=sys.stderr, flush=True)
-        self._over.set()
+        self._stopping.set()
 
     def _refuse_rtde(self, refused: bool) -> None:
         """Stop or start listening for RTDE."""
@@ -183,7 +174,7 @@ class Rig:
         listener = socket.create_server((self.config["host"], RTDE_PORT))
 
         async def serve() -> None:
-            served = await asyncio.start_server(self.rtde.serve, sock=listener)
-            self._listening[RTDE_PORT] = served
+            server = await asyncio.start_server(self.rtde.serve, sock=listener)
+            self._listening[RTDE_PORT] = server
 
         self._reopening = asyncio.get_running_loop().create_task(serve())

@@ -1,4 +1,4 @@
-"""A UR controller without its wires: safety, motion, registers and the program that runs."""
+"""A UR controller without its network: safety, motion, registers and the running program."""
 
 import hashlib
 import re
@@ -15,11 +15,11 @@ NORMAL, PROTECTIVE_STOP, EMERGENCY_STOP = 1, 3, 7  # safety_mode
 SAFETY_BITS = {NORMAL: 1 << 0, PROTECTIVE_STOP: 1 << 2 | 1 << 10, EMERGENCY_STOP: 3 << 6 | 1 << 10}
 STOPPED, PLAYING = 1, 2  # runtime_state
 READY, DONE = 1, 2  # output_int_register_0
-SAFETY_STOP_M_S2 = 20.0
-PROGRAM_STOP_M_S2 = 4.0
+SAFETY_STOP_M_S2 = 20.0  # at a pressing speed a stop within a fraction of a millimetre
+PROGRAM_STOP_M_S2 = 4.0  # the end of a program is gentler than a safety stop
 START_S = 0.1  # from a program's upload to its first line
-UNLOCK_S = 5.0  # from a protective stop to its release, at least
-MOST_LATE_S = 0.02  # a cycle may be, before the robot's clock waits for it
+UNLOCK_S = 5.0  # at least, from a protective stop to its release: Universal Robots' rule
+MAX_DELAY_S = 0.02  # of a cycle; beyond it the robot's clock waits
 
 # sha256[:16] of ur_rtde 1.6.5's control script as it reaches a controller, by polyscope version.
 SCRIPTS = {
@@ -32,7 +32,7 @@ SCRIPTS = {
 
 @dataclass(frozen=True)
 class Series:
-    """What a robot says of itself. version: major, minor, bugfix, build; cycle_Hz: RTDE's most."""
+    """A robot's identity. version: major, minor, bugfix, build; cycle_Hz: RTDE's highest rate."""
 
     version: tuple[int, int, int, int]
     cycle_Hz: float
@@ -45,7 +45,7 @@ class Series:
         return f"URSoftware {'.'.join(map(str, self.version))} (EMULATED)"
 
 
-# A real e-series serial number is a number (ur_rtde insists) that begins with its year.
+# The serial number of an e-series is numeric, as ur_rtde requires, and begins with its year.
 SERIES = {
     "cb3": Series((3, 15, 8, 106339), 125.0, "EMULATED000001", "UR5"),
     "e": Series((5, 12, 6, 1102099), 500.0, "00000000001", "UR5"),
@@ -53,12 +53,12 @@ SERIES = {
 
 
 class Controller:
-    """A robot arm and its controller. `now`: its clock, s since it began, which stands still where
-    the emulator itself gets no time to run: what it had no chance to hear it is not late for.
+    """A robot arm and its controller. `now`: its clock, s since its start, which pauses while the
+    emulator gets no processor time, so that no watchdog expires for that.
 
-    speedup s: motions run s times as fast, along the same way (accelerations s² of those asked).
-    rules: what a driver must keep to, those of the configuration; a broken one is logged. felt: the
-    world's true force, for entries of motion.
+    speedup s: motions run s times as fast along the same path (with s² the acceleration). rules:
+    those of the configuration for a driver; a broken one is logged. force_entry: the world's true
+    force, for entries of motion.
     """
 
     def __init__(self, series: str, pose: list[float], speedup: float, rules: dict, log: EventLog):
@@ -72,7 +72,7 @@ class Controller:
         self.double_out = [0.0] * 48
         self.tcp_force_N = 0.0
         self.program: ControlProgram | None = None
-        self.felt: Callable[[], dict[str, float]] = dict
+        self.force_entry: Callable[[], dict[str, float]] = dict
         self._uploaded: tuple[float, bytes] | None = None
         self._stopped_at = 0.0
         self._was_moving = False
@@ -84,7 +84,7 @@ class Controller:
 
     @property
     def pose(self) -> np.ndarray:
-        """(6,) of the tool now."""
+        """The present pose (6,) of the tool."""
         return self.motion.at(self.now)[0]
 
     @property
@@ -93,8 +93,8 @@ class Controller:
         return self.motion.moving(self.now)
 
     def tick(self, elapsed_s: float) -> None:
-        """What the controller does each cycle, `elapsed_s` after the last one."""
-        self.now += min(elapsed_s, MOST_LATE_S)
+        """The controller's actions in each cycle, `elapsed_s` after the previous one."""
+        self.now += min(elapsed_s, MAX_DELAY_S)
         moving = self.moving
         if moving != self._was_moving:
             self.log_motion("moving" if moving else "still")
@@ -105,12 +105,12 @@ class Controller:
             self.program.tick()
 
     def log_motion(self, event: str) -> None:
-        """An entry with the pose, the velocity and what the world says of the force."""
+        """Log an event with the pose, the velocity and the true force."""
         pose, velocity = (value.round(7).tolist() for value in self.motion.at(self.now))
-        self.log.write(event, pose=pose, velocity=velocity, **self.felt())
+        self.log.write(event, pose=pose, velocity=velocity, **self.force_entry())
 
     def move(self, target: np.ndarray, speed: float, acceleration: float) -> None:
-        """Begin a straight motion to `target`, from rest or from where the last one is."""
+        """Begin a straight motion from the present pose to `target`."""
         s = self.speedup
         self.motion = motion.line(self.pose, target, speed * s, acceleration * s * s, self.now)
 
@@ -134,18 +134,20 @@ class Controller:
 
     def _play(self, script: bytes) -> None:
         self._uploaded = None
-        found = digest(script)
-        self.log.write("program", bytes=len(script), sha256=found, known=SCRIPTS.get(found))
+        script_digest = digest(script)
+        self.log.write(
+            "program", bytes=len(script), sha256=script_digest, known=SCRIPTS.get(script_digest)
+        )
         for rule, broken in {
             "script without version marks": b"$" in script,
-            "script known": found not in SCRIPTS,
+            "script known": script_digest not in SCRIPTS,
         }.items():
             if broken:
-                self.log.violation(rule, sha256=found, bytes=len(script))
+                self.log.violation(rule, sha256=script_digest, bytes=len(script))
         self.program = ControlProgram(self, _offset(script, b"int"), _offset(script, b"float"))
 
     def stop_program(self, reason: str) -> None:
-        """End the program that runs or is about to, if one does; the arm comes to rest."""
+        """End the running or uploaded program, if any; the arm comes to rest."""
         self._uploaded = None
         if self.program is None:
             return
@@ -155,12 +157,12 @@ class Controller:
         self.halt(PROGRAM_STOP_M_S2)
 
     def protective_stop(self) -> None:
-        """As where the controller itself meets a fault: the arm stops, the program ends."""
+        """The controller's stop on a fault: the arm stops, the program ends."""
         self.safety_mode, self._stopped_at = PROTECTIVE_STOP, self.now
         self._safety_stop("protective stop")
 
     def emergency_stop(self) -> None:
-        """As where somebody hits the button: the arm stops and loses power."""
+        """The stop by the button: the arm stops and loses power."""
         self.safety_mode, self.robot_mode = EMERGENCY_STOP, POWER_OFF
         self._safety_stop("emergency stop")
 
@@ -170,7 +172,7 @@ class Controller:
         self.stop_program(reason)
 
     def unlock(self) -> bool:
-        """After a protective stop, but not for the first UNLOCK_S; whether it is over."""
+        """Release a protective stop, not before UNLOCK_S; returns whether it is released."""
         waited = self.now - self._stopped_at >= UNLOCK_S / self.speedup
         if self.safety_mode != PROTECTIVE_STOP or not waited:
             return False
@@ -179,19 +181,19 @@ class Controller:
         return True
 
     def release_emergency(self) -> None:
-        """The button is pulled out again; the arm still has no power."""
+        """Release the button; the arm remains without power."""
         if self.safety_mode == EMERGENCY_STOP:
             self.safety_mode = NORMAL
             self.log.write("emergency stop released")
 
     def receive(self, values: dict[str, float]) -> None:
-        """The inputs of one data package, as its recipe names them."""
+        """Take the inputs of one data package, by the names of its recipe."""
         self.inputs.update(values)
         if self.program is not None:
             self.program.received(values)
 
     def outputs(self) -> dict[str, float | list[float]]:
-        """Variables that are not 0, now, without the registers."""
+        """The present output variables that are not 0, without the registers."""
         pose, velocity = self.motion.at(self.now)
         pose, velocity = pose.tolist(), velocity.tolist()
         force = [0.0, 0.0, self.tcp_force_N, 0.0, 0.0, 0.0]
@@ -217,22 +219,22 @@ class Controller:
 
 
 def digest(script: bytes) -> str:
-    """What SCRIPTS knows a script by."""
+    """The key of a script in SCRIPTS."""
     return hashlib.sha256(script).hexdigest()[:16]
 
 
 def _offset(script: bytes, kind: bytes) -> int:
-    """The first of the registers that the script uses, which ur_rtde writes after its mark."""
-    found = re.search(rb"# " + kind + rb" register offset\n[^\n]*?(\d+)", script)
-    return int(found[1]) if found else 0
+    """The number of the first register that the script uses, which ur_rtde writes after a mark."""
+    match = re.search(rb"# " + kind + rb" register offset\n[^\n]*?(\d+)", script)
+    return int(match[1]) if match else 0
 
 
 class ControlProgram:
-    """ur_rtde's control script, by what it does.
+    """The behaviour of ur_rtde's control script.
 
-    A command is a number in input int register 0. The program says READY, takes a command, says
-    DONE when it is over (an asynchronous one: when it has begun), and READY again once the command
-    is 0. What comes while it is neither READY nor asked for 0 is lost.
+    A command is a number in input int register 0. The program is READY, takes a command, is DONE
+    when the command ends (an asynchronous one: when it has begun), and READY again once the command
+    is 0. Other commands are lost.
     """
 
     REALTIME = (9, 10, 11)  # taken in any cycle and never acknowledged
@@ -241,9 +243,9 @@ class ControlProgram:
         self.robot, self.log, self.rules = controller, controller.log, controller.rules
         self.int_offset, self.double_offset = int_offset, double_offset
         self.watchdog_s: float | None = None
-        self.fed = controller.now
+        self.fed_s = controller.now
         self.longest_silence_s = 0.0  # of the host, since a watchdog is set
-        self.until: float | None = None  # when a command that takes time is over
+        self.command_end_s: float | None = None  # when a command that takes time is over
         self.running = False  # an asynchronous motion
         self.operation = self.writes = 0
         self._say(READY)
@@ -253,34 +255,34 @@ class ControlProgram:
         self.robot.int_out[self.int_offset] = state
 
     def tick(self) -> None:
-        """Acknowledge what is over; stop where the host is silent."""
-        if self.until is not None and self.robot.now >= self.until:
-            self.until = None
+        """Acknowledge ended commands; stop where the host is silent."""
+        if self.command_end_s is not None and self.robot.now >= self.command_end_s:
+            self.command_end_s = None
             self._say(DONE)
         if self.running and not self.robot.moving:
             self._progress(False)
         if self.watchdog_s is not None:
-            silence_s = self.robot.now - self.fed
+            silence_s = self.robot.now - self.fed_s
             self.longest_silence_s = max(self.longest_silence_s, silence_s)
             if silence_s > self.watchdog_s:
                 self.robot.log_motion("watchdog")
                 self.robot.stop_program("watchdog")
 
     def received(self, values: dict[str, float]) -> None:
-        """One data package."""
+        """Handle one data package."""
         name = f"input_int_register_{self.int_offset}"
         if name not in values:
             return
-        self.fed = self.robot.now
+        self.fed_s = self.robot.now
         command = int(values[name])
         if command in self.REALTIME:
             self._run(command)
         elif command == 0:
-            if self.state == DONE and self.until is None:
+            if self.state == DONE and self.command_end_s is None:
                 self._say(READY)
         elif command == 255:
             self.robot.stop_program("the host's")
-        elif self.state == READY and self.until is None:
+        elif self.state == READY and self.command_end_s is None:
             self.state = 0
             self.robot.int_out[self.int_offset] = 0
             self._run(command)
@@ -294,7 +296,7 @@ class ControlProgram:
         return np.array([self._double(k) for k in range(n)])
 
     def _run(self, command: int) -> None:
-        known = {
+        handlers = {
             3: self._move_l,
             10: self._speed_l,
             15: self._speed_stop,
@@ -304,11 +306,11 @@ class ControlProgram:
             34: self._stop,
             35: self._set_watchdog,
         }
-        if command not in known:
+        if command not in handlers:
             self.log.violation("a command that is emulated", command=command)
-            self.until = self.robot.now
+            self.command_end_s = self.robot.now
             return
-        known[command]()
+        handlers[command]()
 
     def _asynchronous(self) -> bool:
         return bool(self.robot.inputs.get(f"input_int_register_{self.int_offset + 1}", 0))
@@ -329,9 +331,9 @@ class ControlProgram:
         self.robot.move(target, speed, acceleration)
         if asynchronous:
             self._progress(True)
-            self.until = self.robot.now
+            self.command_end_s = self.robot.now
         else:
-            self.until = self.robot.motion.end
+            self.command_end_s = self.robot.motion.end
 
     def _speed_l(self) -> None:
         velocity, acceleration = self._doubles(6), self._double(6)
@@ -345,8 +347,8 @@ class ControlProgram:
             self.log.violation("moves begin at rest")
         if rules["watchdog"] and self.watchdog_s is None:
             self.log.violation("a watchdog before any motion")
-        most = {"max_speed_m_s": speed, "max_acceleration_m_s2": acceleration}
-        for rule, value in most.items():
+        requested = {"max_speed_m_s": speed, "max_acceleration_m_s2": acceleration}
+        for rule, value in requested.items():
             if rules[rule] is not None and value > rules[rule] * (1 + 1e-6):
                 self.log.violation(rule, value=value, limit=rules[rule])
         box = rules["box_m"]
@@ -358,20 +360,20 @@ class ControlProgram:
     def _speed_stop(self) -> None:
         self.log.write("speedStop")
         self.robot.halt(self._double(0) or PROGRAM_STOP_M_S2)
-        self.until = self.robot.motion.end
+        self.command_end_s = self.robot.motion.end
 
     def _stop(self) -> None:
         self.log.write("stopL", deceleration=self._double(0))
         self.robot.log_motion("stopping")
         self.robot.halt(self._double(0) or PROGRAM_STOP_M_S2)
         self._progress(False)
-        self.until = (
+        self.command_end_s = (
             self.robot.now if self._asynchronous() else max(self.robot.motion.end, self.robot.now)
         )
 
     def _set_tcp(self) -> None:
         self.log.write("setTcp", offset=self._doubles(6).tolist())
-        self.until = self.robot.now
+        self.command_end_s = self.robot.now
 
     def _protective_stop(self) -> None:
         self.robot.protective_stop()
@@ -379,12 +381,12 @@ class ControlProgram:
     def _set_watchdog(self) -> None:
         frequency = self._double(0)
         self.watchdog_s = 1.0 / frequency if frequency > 0 else None
-        self.fed = self.robot.now
+        self.fed_s = self.robot.now
         self.log.write("setWatchdog", frequency=frequency)
-        self.until = self.robot.now
+        self.command_end_s = self.robot.now
 
     def _progress(self, running: bool) -> None:
-        """Output int register 2: whether an asynchronous motion runs, and which of them it is."""
+        """Set output int register 2: whether an asynchronous motion runs, and its number."""
         if running:
             self.operation = (self.operation + 1) % 128
         self.running = running

@@ -1,7 +1,7 @@
 """RTDE v2 packages: header, recipes, the variables' types.
 
-Source: Universal Robots, "Real-Time Data Exchange (RTDE) Guide"; the versions from which on a
-variable exists are those that ur_rtde 1.6.5 asks it from.
+Source: Universal Robots, "Real-Time Data Exchange (RTDE) Guide"; the versions that first have a
+variable are those from which ur_rtde 1.6.5 requests it.
 """
 
 import struct
@@ -16,7 +16,7 @@ START = ord("S")
 PAUSE = ord("P")
 
 HEADER = struct.Struct(">HB")
-MOST_NAMES = 2048  # bytes of a list of names
+MAX_NAMES = 2048  # bytes of a list of names
 
 FORMATS = {
     "BOOL": "?",
@@ -120,10 +120,10 @@ def type_of(name: str, table: dict[str, str], version: tuple[int, ...]) -> str |
 
 
 def package(command: int, payload: bytes = b"") -> bytes:
-    """A whole package."""
+    """A package with its header."""
     return HEADER.pack(HEADER.size + len(payload), command) + payload
 
 
 def recipe(types: list[str]) -> struct.Struct:
-    """How the values of a recipe with these types lie in a data package, its id first."""
+    """The layout of a data package with values of these types, preceded by the recipe's id."""
     return struct.Struct(">B" + "".join(FORMATS[kind] for kind in types))

@@ -17,7 +17,7 @@ GREETING = "Connected: Universal Robots Dashboard Server"
 ZERO = {kind: [0] * int(code[:-1] or 1) for kind, code in wire.FORMATS.items()}
 
 
-class Refused(Exception):
+class ProtocolError(Exception):
     """A client that breaks the protocol; its connection is closed."""
 
 
@@ -41,26 +41,26 @@ class RtdeServer:
             await client.talk()
         except (asyncio.IncompleteReadError, ConnectionError):
             pass
-        except Refused as error:
+        except ProtocolError as error:
             self.log.violation("RTDE protocol", reason=str(error))
         finally:
             client.close()
             self.clients.discard(client)
-            for name in [n for n, owner in self.owners.items() if owner is client]:
+            for name in [name for name, owner in self.owners.items() if owner is client]:
                 del self.owners[name]
 
     def claim_all(self, owner: object) -> None:
-        """Somebody else holds every input register that nobody has yet."""
+        """Give `owner` every input register that has no owner."""
         for name in wire.INPUTS:
             self.owners.setdefault(name, owner)
 
     def release_all(self, owner: object) -> None:
-        """What `claim_all` took is free again."""
-        for name in [n for n, held in self.owners.items() if held is owner]:
+        """Release all registers of `owner`."""
+        for name in [name for name, current_owner in self.owners.items() if current_owner is owner]:
             del self.owners[name]
 
     def reset(self) -> None:
-        """Every connection ends as a broken cable's does."""
+        """End every connection as by a broken cable."""
         for client in list(self.clients):
             client.close()
 
@@ -98,7 +98,7 @@ class RtdeClient:
             while True:
                 size, command = wire.HEADER.unpack(await self.reader.readexactly(wire.HEADER.size))
                 if size < wire.HEADER.size:
-                    raise Refused(f"package size {size}, at least {wire.HEADER.size}")
+                    raise ProtocolError(f"package size {size}, at least {wire.HEADER.size}")
                 payload = await self.reader.readexactly(size - wire.HEADER.size)
                 if self.server.muted:
                     continue
@@ -108,10 +108,10 @@ class RtdeClient:
                     log.write("rtde message", text=payload.decode("latin-1"))
                 elif command in answers:
                     if command != wire.REQUEST_PROTOCOL_VERSION and self.version is None:
-                        raise Refused(f"{chr(command)!r} before the protocol version")
+                        raise ProtocolError(f"{chr(command)!r} before the protocol version")
                     self.writer.write(wire.package(command, answers[command](payload)))
                 else:
-                    raise Refused(f"unknown package {command}")
+                    raise ProtocolError(f"unknown package {command}")
         finally:
             log.write("rtde gone", client=self.peer)
 
@@ -134,9 +134,9 @@ class RtdeClient:
         _unpack("", payload, "controller version")
         return struct.pack(">4I", *self.server.controller.series.version)
 
-    def _named(self, text: bytes, table: dict[str, str]) -> tuple[list[str], list[str]]:
-        if len(text) > wire.MOST_NAMES:
-            raise Refused(f"{len(text)} bytes of names, at most {wire.MOST_NAMES}")
+    def _variable_types(self, text: bytes, table: dict[str, str]) -> tuple[list[str], list[str]]:
+        if len(text) > wire.MAX_NAMES:
+            raise ProtocolError(f"{len(text)} bytes of names, at most {wire.MAX_NAMES}")
         names = text.decode("latin-1").rstrip(",").split(",")
         version = self.server.controller.series.version
         types = [wire.type_of(name, table, version) or "NOT_FOUND" for name in names]
@@ -147,25 +147,25 @@ class RtdeClient:
 
     def _setup_outputs(self, payload: bytes) -> bytes:
         if len(payload) < 8:
-            raise Refused(f"outputs of {len(payload)} bytes, at least a frequency")
+            raise ProtocolError(f"outputs of {len(payload)} bytes, at least a frequency")
         (frequency,) = struct.unpack_from(">d", payload)
-        most = self.server.controller.series.cycle_Hz
-        if not 0 < frequency <= most:
-            raise Refused(f"frequency {frequency}, above 0 to {most}")
-        names, types = self._named(payload[8:], wire.OUTPUTS)
+        max_frequency = self.server.controller.series.cycle_Hz
+        if not 0 < frequency <= max_frequency:
+            raise ProtocolError(f"frequency {frequency}, above 0 to {max_frequency}")
+        names, types = self._variable_types(payload[8:], wire.OUTPUTS)
         if "NOT_FOUND" not in types:
             self.names, self.frequency = names, frequency
             self.outputs = wire.recipe(types), [ZERO[kind] for kind in types]
             robot = self.server.controller
             self.registers = {
-                name: ((robot.int_out if "int" in name else robot.double_out), int(found[1]))
+                name: ((robot.int_out if "int" in name else robot.double_out), int(match[1]))
                 for name in names
-                if (found := re.search(r"^output_(?:int|double)_register_(\d+)$", name))
+                if (match := re.search(r"^output_(?:int|double)_register_(\d+)$", name))
             }
         return b"\x01" + ",".join(types).encode()
 
     def _setup_inputs(self, payload: bytes) -> bytes:
-        names, types = self._named(payload, wire.INPUTS)
+        names, types = self._variable_types(payload, wire.INPUTS)
         owners = self.server.owners
         for k, name in enumerate(names):
             if types[k] != "NOT_FOUND" and owners.get(name, self) is not self:
@@ -183,7 +183,7 @@ class RtdeClient:
     def _start(self, payload: bytes) -> bytes:
         _unpack("", payload, "start")
         if self.outputs is None and not self.inputs:
-            raise Refused("start before outputs or inputs")
+            raise ProtocolError("start before outputs or inputs")
         if self.outputs is not None and self.streaming is None:
             self.streaming = asyncio.create_task(self._stream())
         return b"\x01"
@@ -197,17 +197,17 @@ class RtdeClient:
 
     def _data(self, payload: bytes) -> None:
         if not payload or payload[0] not in self.inputs:
-            raise Refused(f"data of recipe {payload[:1].hex() or 'none'}, never set up")
+            raise ProtocolError(f"data of recipe {payload[:1].hex() or 'none'}, never set up")
         names, recipe = self.inputs[payload[0]]
         if len(payload) != recipe.size:
-            raise Refused(f"{len(payload)} bytes of recipe {payload[0]}, {recipe.size}")
+            raise ProtocolError(f"{len(payload)} bytes of recipe {payload[0]}, {recipe.size}")
         values = list(recipe.unpack(payload)[1:])
-        found: dict[str, Any] = {}
+        inputs: dict[str, Any] = {}
         for name in names:
-            wide = len(ZERO[wire.INPUTS[name]])
-            found[name] = values[0] if wide == 1 else values[:wide]
-            del values[:wide]
-        self.server.controller.receive(found)
+            width = len(ZERO[wire.INPUTS[name]])
+            inputs[name] = values[0] if width == 1 else values[:width]
+            del values[:width]
+        self.server.controller.receive(inputs)
 
     async def _stream(self) -> None:
         period = 1.0 / self.frequency
@@ -217,11 +217,14 @@ class RtdeClient:
         with contextlib.suppress(ConnectionError):
             while True:
                 if not self.server.stalled:
-                    now = self.server.controller.outputs()
-                    now |= {name: held[k] for name, (held, k) in self.registers.items()}
+                    outputs = self.server.controller.outputs()
+                    outputs |= {
+                        name: register_values[k]
+                        for name, (register_values, k) in self.registers.items()
+                    }
                     flat: list[float] = [1]
                     for name, zero in zip(self.names, zeros, strict=True):
-                        value = now.get(name, zero)
+                        value = outputs.get(name, zero)
                         flat += value if isinstance(value, list) else [value]
                     self.writer.write(wire.package(wire.DATA_PACKAGE, recipe.pack(*flat)))
                     await self.writer.drain()
@@ -229,14 +232,14 @@ class RtdeClient:
                 await asyncio.sleep(due - time.monotonic())
 
 
-def _unpack(form: str, payload: bytes, what: str) -> tuple:
+def _unpack(form: str, payload: bytes, package_name: str) -> tuple:
     if struct.calcsize(form) != len(payload):
-        raise Refused(f"{what} of {len(payload)} bytes, {struct.calcsize(form)}")
+        raise ProtocolError(f"{package_name} of {len(payload)} bytes, {struct.calcsize(form)}")
     return struct.unpack(form, payload)
 
 
 class ScriptServer:
-    """The port that takes programs: what is complete is run."""
+    """The port for uploaded programs, which are run once complete."""
 
     def __init__(self, controller: Controller):
         self.controller = controller
@@ -247,9 +250,9 @@ class ScriptServer:
         try:
             while data := await reader.read(1 << 16):
                 text += data
-                while (found := _program_end(text)) is not None:
-                    self.controller.start(text[:found])
-                    text = text[found:]
+                while (end := _program_end(text)) is not None:
+                    self.controller.start(text[:end])
+                    text = text[end:]
             if text.strip():
                 self.controller.log.violation("script complete", bytes=len(text))
         except ConnectionError:
@@ -259,18 +262,18 @@ class ScriptServer:
 
 
 def _program_end(text: bytes) -> int | None:
-    found = text.find(b"\nend\n")
-    return None if found < 0 else found + len(b"\nend\n")
+    position = text.find(b"\nend\n")
+    return None if position < 0 else position + len(b"\nend\n")
 
 
 class DashboardServer:
-    """One answer a line, as Universal Robots' dashboard server gives it."""
+    """Universal Robots' dashboard server: one answer for each line."""
 
     def __init__(self, controller: Controller, log: EventLog):
         self.controller, self.log = controller, log
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """One connection, until it ends or says quit."""
+        """One connection, until it ends or sends quit."""
         writer.write(f"{GREETING}\n".encode())
         try:
             while line := await reader.readline():
@@ -286,7 +289,7 @@ class DashboardServer:
             writer.close()
 
     def answer(self, command: str) -> str:
-        """The reply to one command, which is carried out."""
+        """Carry out one command; returns the answer."""
         robot = self.controller
         self.log.write("dashboard", command=command)
         modes = {POWER_OFF: "POWER_OFF", IDLE: "IDLE", RUNNING: "RUNNING"}

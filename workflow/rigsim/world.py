@@ -1,7 +1,8 @@
-"""The physical world: a skin that a probe on a robot's tool presses.
+"""The physical world: a skin pressed by a probe on a robot's tool.
 
-Force F = k depth^p, k by the probe and scattered smoothly over the skin; voltages by eitskin's own
-forward model, with effects of choice, of the place, the true force and its history.
+The force is F = k depth^p, with k proportional to the probe and varying smoothly over the skin; the
+voltages are those of eitskin's forward model, with the configured effects, for the place, the true
+force and its history.
 """
 
 from dataclasses import dataclass
@@ -19,14 +20,14 @@ from eitskin.physics.solver import SolvedSkins
 from eitskin.simulate.readings import read, sense, stage_settings
 
 N_ELECTRODES = 16
-WAVES = 8  # of the stiffness' scatter over the skin
-TOOL_DOWN_RAD = 0.05  # the tool may lean this much
-DRAG_MM = 0.5  # sideways in a press
+WAVES = 8  # random ones, whose sum varies the stiffness over the skin
+TOOL_DOWN_RAD = 0.05  # tolerated lean of the tool, 3 degrees
+DRAG_MM = 0.5  # tolerated sideways motion in a press
 
 
 @dataclass(frozen=True)
 class Press:
-    """What one frame sees of a press: where, by what, and the true force so far.
+    """A press as measured by one frame: its place, its probe, and the true force so far.
 
     x_mm, y_mm on the skin; probe_mm; time_s (K,), force_N (K,): knots, linear between.
     """
@@ -43,11 +44,11 @@ class Press:
 
 
 class World:
-    """The skin in the robot's base frame and what happens to it.
+    """The skin in the robot's base frame, with its presses.
 
     Times are s from the world's beginning; a pose is a TCP pose (6,), m and rotation vector, the
-    probe's tip at its origin. Where an effect on the force reported is chosen, force_N is what the
-    load cell feels and the skin feels what that effect makes of it.
+    probe's tip at its origin. With an effect on the reported force, force_N is that on the load
+    cell, and the skin has the force after the effect.
     """
 
     def __init__(self, config: dict, seed: int):
@@ -59,13 +60,13 @@ class World:
         self.channels = channel_table(N_ELECTRODES)
         self.effects = settings(config["effects"], site_counts(self.channels), (seed, 0))
         if stage_settings(self.effects, "clock"):
-            found = stage_settings(self.effects, "clock")[0].effect.name
+            effect_name = stage_settings(self.effects, "clock")[0].effect.name
             expected = "none of the stage clock: the board reads one channel after another"
-            raise InputError("world", "effects", repr(found), expected)
+            raise InputError("world", "effects", repr(effect_name), expected)
         self.accuracy, self.force_max_N = config["accuracy"], config["force_max_N"]
         self.noise = config["noise"]
-        self._near = SolvedSkins()
-        self._follows_nothing = all(s.effect.driver == "static" for s in self.effects)
+        self._solved_skins = SolvedSkins()
+        self._is_static = all(s.effect.driver == "static" for s in self.effects)
         self._untouched: np.ndarray | None = None  # (M,) V, where it is always the same
         self._place = config["place"]
         self._stiffness = config["stiffness"]
@@ -79,13 +80,13 @@ class World:
         self.depth_mm = self.force_N = self.largest_N = 0.0
         self.dragged_mm = 0.0
         self._knots: list[tuple[float, float]] = []
-        self._latest = (0.0, 0.0, 0.0)  # x mm, y mm and probe mm of the last press
+        self._press_place = (0.0, 0.0, 0.0)  # x mm, y mm and probe mm of the last press
         self.touching = False  # whether it goes on
         self.touched_at = np.inf
-        self._k = 0.0
+        self._press_stiffness = 0.0
 
     def probe_mm(self) -> float:
-        """Diameter of the probe that is mounted: what the probe file says, where there is one."""
+        """Diameter of the mounted probe: that in the probe file, where there is one."""
         if self._probe_file is not None and Path(self._probe_file).is_file():
             text = Path(self._probe_file).read_text(encoding="utf-8").strip()
             if text:
@@ -93,7 +94,7 @@ class World:
         return self._probe_mm
 
     def on_skin_mm(self, pose: np.ndarray) -> tuple[float, float]:
-        """Where on the skin, or beside it, the probe's axis stands."""
+        """The place (x mm, y mm) of the probe's axis in the skin's frame."""
         place = self._place
         x, y = 1e3 * (pose[0] - place["x_m"]), 1e3 * (pose[1] - place["y_m"])
         turn = np.radians(place["angle_deg"])
@@ -106,8 +107,8 @@ class World:
         return law["N_per_mm"] * probe_mm / 10.0 * float(np.exp(law["scatter"] * waves))
 
     def follow(self, pose: np.ndarray, t: float) -> str | None:
-        """The probe is at `pose` at t s. Returns "touched" or "released" where that begins or ends
-        a press."""
+        """Move the probe to `pose` at t s. Returns "touched" or "released" at the begin or end of a
+        press."""
         x, y = self.on_skin_mm(pose)
         self.depth_mm = max(1e3 * (self._place["surface_z_m"] - pose[2]), 0.0)
         if not self.touching and self.depth_mm == 0.0:
@@ -115,29 +116,29 @@ class World:
         if not self.touching:
             self.touching, self.touched_at = True, t
             self.contacts += 1
-            self._latest = (x, y, self.probe_mm())
-            self._k = self.stiffness(*self._latest)
+            self._press_place = (x, y, self.probe_mm())
+            self._press_stiffness = self.stiffness(*self._press_place)
             self._knots = [(t - 1e-6, 0.0)]
-        begun = len(self._knots) == 1
-        self.force_N = self._k * self.depth_mm ** self._stiffness["exponent"]
+        is_first_frame = len(self._knots) == 1
+        self.force_N = self._press_stiffness * self.depth_mm ** self._stiffness["exponent"]
         self.largest_N = max(self.largest_N, self.force_N)
-        self.dragged_mm = float(np.hypot(x - self._latest[0], y - self._latest[1]))
+        self.dragged_mm = float(np.hypot(x - self._press_place[0], y - self._press_place[1]))
         knots = self._knots
         if len(knots) > 2 and knots[-1][1] == knots[-2][1] == self.force_N:
             knots[-1] = (t, self.force_N)
         elif t > knots[-1][0]:
             knots.append((t, self.force_N))
         if self.depth_mm > 0.0:
-            return "touched" if begun else None
+            return "touched" if is_first_frame else None
         self.touching, self.touched_at = False, np.inf
         return "released"
 
-    def felt(self) -> dict[str, float]:
+    def force_entry(self) -> dict[str, float]:
         """The true force and the largest so far, for the log."""
         return {"force_N": round(self.force_N, 5), "largest_N": round(self.largest_N, 5)}
 
     def tool_leans(self, pose: np.ndarray) -> bool:
-        """Whether the tool points elsewhere than straight down."""
+        """Whether the tool does not point straight down."""
         x, y, z = pose[3:]
         angle = np.sqrt(x * x + y * y + z * z)
         if angle == 0.0:
@@ -146,31 +147,33 @@ class World:
         cosine = np.cos(angle) + (z / angle) ** 2 * (1.0 - np.cos(angle))
         return cosine > -np.cos(TOOL_DOWN_RAD)
 
-    def press_since(self, begin: float, now: float) -> Press | None:
-        """The press that a frame from `begin` to `now` s has seen; None: none."""
+    def press_since(self, start: float, end: float) -> Press | None:
+        """The press in a frame from `start` to `end` s, None without one."""
         if self.touching:
-            self._knots.append((max(now, self._knots[-1][0] + 1e-6), self.force_N))
-        if not self._knots or self._knots[-1][0] < begin:
+            self._knots.append((max(end, self._knots[-1][0] + 1e-6), self.force_N))
+        if not self._knots or self._knots[-1][0] < start:
             return None
         time, force = np.array(self._knots).T
-        return Press(*self._latest, time, force)
+        return Press(*self._press_place, time, force)
 
-    def voltages(self, begin: float, frame_s: float, press: Press | None) -> np.ndarray:
-        """Noise-free signed readings (M,) V of a frame from `begin` s on, its drives one after
-        another, each at the moment's true force."""
-        moments = np.array([begin])
+    def voltages(self, start: float, frame_s: float, press: Press | None) -> np.ndarray:
+        """Noise-free signed readings (M,) V of a frame from `start` s on, its drives one after
+        another, each at the true force of its time."""
+        moments = np.array([start])
         if press is not None:
-            drives = begin + frame_s * np.arange(N_ELECTRODES) / N_ELECTRODES
+            drives = start + frame_s * np.arange(N_ELECTRODES) / N_ELECTRODES
             if np.ptp(press.at(drives)) > 0.0:
                 moments = drives
         force = np.zeros(len(moments)) if press is None else press.at(moments)
         touch = force > 0.0
         if self._untouched is not None and not touch.any():
             return self._untouched
-        where = (np.nan,) * 3 if press is None else (press.x_mm, press.y_mm, press.probe_mm)
+        place_and_probe = (
+            (np.nan,) * 3 if press is None else (press.x_mm, press.y_mm, press.probe_mm)
+        )
         touched = {
             name: np.where(touch, value, np.nan)
-            for name, value in zip(("x_mm", "y_mm", "probe_mm"), where, strict=True)
+            for name, value in zip(("x_mm", "y_mm", "probe_mm"), place_and_probe, strict=True)
         }
         states = pd.DataFrame({"time_s": moments, "touch": touch, "force_N": force, **touched})
         history = None
@@ -187,17 +190,17 @@ class World:
             self.accuracy,
             frame_s,
             self.force_max_N,
-            self._near,
+            self._solved_skins,
             history=history,
         )
         voltage = read(sensed, self.current_A, self.effects)
-        if self._follows_nothing and not touch.any():
+        if self._is_static and not touch.any():
             self._untouched = voltage[0]
         if len(moments) == 1:
             return voltage[0]
         return voltage[self.channels[:, 0], np.arange(len(self.channels))]
 
     def readings(self, voltage: np.ndarray) -> np.ndarray:
-        """Magnitudes (M,) V of noise-free ones, with noise."""
+        """Magnitudes (M,) V of noise-free readings (M,) V, with noise."""
         scale = self.noise * np.median(np.abs(voltage))
         return np.abs(voltage + scale * self._readings_rng.standard_normal(len(voltage)))

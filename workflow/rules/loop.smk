@@ -1,8 +1,8 @@
-from loop.naming import DIAGNOSIS, LABELS, SOURCES, TRUTH, named
+from loop.naming import DIAGNOSIS, LABELS, SOURCES, TRUTH, cases_by_name
 
 FORCES = {key: config["forces"][key] for key in ("mean_N", "sd_N", "max_N")}
 LOOP = "results/loop/{case}"
-LOOP_CASES = named(config["loop"]["cases"])
+LOOP_CASES = cases_by_name(config["loop"]["cases"])
 LOOP_SKINS = config["loop"]["recordings"]
 # The paper's perturbations are no names of a diagnosis.
 CATALOGUE_AND_AUTHORS = sorted({*CATALOGUE, *modules(names_of(effects_of("authors")))})

@@ -1,4 +1,4 @@
-"""Choose the setting of the grid that did best on the validation part."""
+"""Choose the setting of the grid with the best score on the validation part."""
 
 import json
 from pathlib import Path
@@ -12,8 +12,8 @@ from eitskin.paper import ablation
 with reported(snakemake.log[0]):
     params = snakemake.params
     grid, axes = params.grid, params.axes
-    chosen = ablation.best(dict(zip(grid, map(pd.read_csv, snakemake.input), strict=True)))
+    best_setting = ablation.best(dict(zip(grid, map(pd.read_csv, snakemake.input), strict=True)))
     with atomic_path(snakemake.output[0]) as path:
-        told = ablation.in_words(grid[chosen], axes)
-        text = json.dumps({"recipe": params.recipes[chosen], "told": told})
+        words = ablation.in_words(grid[best_setting], axes)
+        text = json.dumps({"recipe": params.recipes[best_setting], "told": words})
         Path(path).write_text(f"{text}\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Errors of one setting's model, seed by seed, on the part that is asked for."""
+"""Errors of one setting's model, seed by seed, on one part."""
 
 from eitskin.data import dataset, splits
 from eitskin.errors import InputError, reported
@@ -8,9 +8,9 @@ with reported(snakemake.log[0]):
     files = snakemake.input
     data = dataset.read(files.dataset)
     part = splits.read(files.split, data.table)
-    model, asked = model_file.read_seeds(files.models), snakemake.params.part
-    if asked == "validation" and not model.header["budget"]["validated"]:
-        found, expected = "false", "true, as settings are chosen on the validation part"
-        raise InputError("config.yaml", "budgets, validated", found, expected)
-    found = predict.predict_part(model, data, part, asked)
-    metrics.write(metrics.by_seed(found, data), snakemake.output[0])
+    model, part_name = model_file.read_seeds(files.models), snakemake.params.part
+    if part_name == "validation" and not model.header["budget"]["validated"]:
+        stated, expected = "false", "true, as settings are chosen on the validation part"
+        raise InputError("config.yaml", "budgets, validated", stated, expected)
+    predictions = predict.predict_part(model, data, part, part_name)
+    metrics.write(metrics.by_seed(predictions, data), snakemake.output[0])

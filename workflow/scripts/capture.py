@@ -1,4 +1,4 @@
-"""Capture with the rig that is attached, or go on where an earlier capture ended."""
+"""Capture with the attached rig, or continue an earlier capture."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Say in plain words what a recording holds and what it cannot tell; stop where it is unusable."""
+"""Describe a recording and its shortcomings in plain words; stop where it is unusable."""
 
 from eitskin.data import check, recording
 from eitskin.errors import reported

@@ -13,5 +13,5 @@ with reported(snakemake.log[0]):
     experiment = posterior_mean.experiment_of(
         dataset.read(files.dataset), **{block: params[block] for block in blocks}
     )
-    found = cramer_rao.table(experiment, pd.read_csv(files.touch_grid))
-    metrics.write(found, snakemake.output[0])
+    bounds = cramer_rao.table(experiment, pd.read_csv(files.touch_grid))
+    metrics.write(bounds, snakemake.output[0])

@@ -13,5 +13,5 @@ with reported(snakemake.log[0]):
     skin = recorded.metadata["skin"] if recorded else params.skin
     level = baseline.level(recorded, data.metadata["lost_channels"]) if recorded else None
     model = model_file.read_seeds(files.models)
-    made = export.export(model, data, part, skin, params.epochs, level)
-    file.write(made, snakemake.output[0])
+    exported = export.export(model, data, part, skin, params.epochs, level)
+    file.write(exported, snakemake.output[0])

@@ -7,14 +7,13 @@ from eitskin.errors import reported
 from eitskin.paper import figure_4
 
 with reported(snakemake.log[0]):
-    files, found, asked = snakemake.output, snakemake.input, snakemake.params
+    figures, files, params = snakemake.output, snakemake.input, snakemake.params
+    tables = zip(map(pd.read_csv, files.metrics), files.predictions, strict=True)
     figure_4.write(
-        {m: pd.read_csv(f) for m, f in zip(asked.models, found.metrics, strict=True)},
-        dict(zip(asked.models, found.predictions, strict=True)),
-        dataset.read(found.dataset),
-        asked.skin["radius_mm"],
-        asked.skin["electrode_deg"],
-        files.svg,
-        files.png,
-        files.csv,
+        dict(zip(params.models, tables, strict=True)),
+        dataset.read(files.dataset),
+        params.skin,
+        figures.svg,
+        figures.png,
+        figures.csv,
     )

@@ -1,11 +1,11 @@
-"""Bring a recording, from whatever source, into the recording format."""
+"""Import a recording from any source into the recording format."""
 
 from eitskin.data import importers, recording, stated, subset
 from eitskin.errors import reported
 
 with reported(snakemake.log[0]):
     imported = importers.load(snakemake.input[0], **snakemake.params.read_as)
-    told = stated.apply(snakemake.params.skin or {}, imported, "recordings, skin")
+    described = stated.apply(snakemake.params.skin or {}, imported, "recordings, skin")
     if snakemake.params.frames is not None:
-        told = subset.stretch(told, *snakemake.params.frames, snakemake.input[0])
-    recording.write(told, snakemake.output[0])
+        described = subset.stretch(described, *snakemake.params.frames, snakemake.input[0])
+    recording.write(described, snakemake.output[0])

@@ -1,4 +1,4 @@
-"""Estimate tested touches of a continuous set as well as physics allows, and score that."""
+"""Estimate test touches of a continuous set by the posterior mean, and score the estimates."""
 
 from eitskin.data import dataset, splits
 from eitskin.errors import reported
@@ -11,8 +11,8 @@ with reported(snakemake.log[0]):
     part = splits.read(files.split, data.table)
     blocks = ("skin", "accuracy", "effects", "session_frames", "continuous")
     experiment = posterior_mean.experiment_of(data, **{block: params[block] for block in blocks})
-    found = posterior_mean.estimates(
+    estimates = posterior_mean.estimates(
         experiment, data, part, params.seed, params.samples, params.pairs
     )
-    metrics.write(found, snakemake.output.samples)
-    metrics.write(score.score(found, data, "continuous", params.seed), snakemake.output.metrics)
+    metrics.write(estimates, snakemake.output.samples)
+    metrics.write(score.score(estimates, data, "continuous", params.seed), snakemake.output.metrics)

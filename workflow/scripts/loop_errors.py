@@ -5,14 +5,16 @@ from pathlib import Path
 from eitskin.data import dataset, splits
 from eitskin.errors import reported
 from eitskin.learn import metrics
-from eitskin.learn.train import Budget, Recipe
+from eitskin.learn.train import Budget, Recipe, Split
 from loop import errors
+from loop.imitation import PressPrior
 
 with reported(snakemake.log[0]):
     params, files, names = snakemake.params, snakemake.input, snakemake.wildcards
     target = dataset.read(files.target)
-    part = splits.read(files.split, target.table)
-    recipe = Recipe.of(params.recipe, Budget(**params.budget), params.latent_dim)
-    chosen = (names.source, names.model, Path(files.recording).parent, target, part, recipe)
-    drawn = (params.authors, params.forces, params.probe_mm)
-    metrics.write(errors.errors(*chosen, params.seed, params.draw, *drawn), snakemake.output[0])
+    split = Split(target, splits.read(files.split, target.table))
+    recipe = Recipe.from_settings(params.recipe, Budget(**params.budget), params.latent_dim)
+    prior = PressPrior(params.forces, params.probe_mm)
+    case = errors.Case(Path(files.recording).parent, split, params.authors, prior)
+    job = (names.source, names.model, recipe, params.seed, params.draw)
+    metrics.write(errors.errors(case, *job), snakemake.output[0])

@@ -6,5 +6,5 @@ from eitskin.errors import reported
 from loop import figure
 
 with reported(snakemake.log[0]):
-    out = (Path(snakemake.output[suffix]) for suffix in ("svg", "png", "csv"))
-    figure.write(Path(snakemake.input[0]), snakemake.wildcards.model, *out)
+    figures = (Path(snakemake.output[suffix]) for suffix in ("svg", "png", "csv"))
+    figure.write(Path(snakemake.input[0]), snakemake.wildcards.model, *figures)

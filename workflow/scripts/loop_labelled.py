@@ -1,4 +1,4 @@
-"""What a diagnosis may see of a real recording of which few labels are known."""
+"""Write the part of a real recording with few labels that a diagnosis uses."""
 
 from pathlib import Path
 

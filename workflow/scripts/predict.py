@@ -7,5 +7,5 @@ from eitskin.learn import model_file, predict
 with reported(snakemake.log[0]):
     model = model_file.read_seeds(snakemake.input.models)
     source = recording.read(snakemake.input.recording)
-    found = predict.predict_recording(model, source, snakemake.wildcards.recording)
-    predict.write(found, snakemake.output[0])
+    predictions = predict.predict_recording(model, source, snakemake.wildcards.recording)
+    predict.write(predictions, snakemake.output[0])

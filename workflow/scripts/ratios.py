@@ -1,4 +1,4 @@
-"""Hold models of a continuous set against the posterior mean, on the samples that it estimated."""
+"""Compare models of a continuous set with the posterior mean, on the same samples."""
 
 from pathlib import Path
 
@@ -9,10 +9,10 @@ from eitskin.learn import metrics
 from eitskin.limit import ratios
 
 with reported(snakemake.log[0]):
-    found = ratios.ratios(
+    table = ratios.ratios(
         {Path(file).stem: pd.read_parquet(file) for file in snakemake.input.predictions},
         pd.read_csv(snakemake.input.samples),
         snakemake.wildcards.configuration,
         snakemake.params.seed,
     )
-    metrics.write(found, snakemake.output[0])
+    metrics.write(table, snakemake.output[0])

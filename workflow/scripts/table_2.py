@@ -3,22 +3,26 @@
 import sys
 from pathlib import Path
 
+import numpy as np
+
 from eitskin.errors import reported
 from eitskin.paper import table_2
+from eitskin.simulate.untouched_frames import Plan
 
 with reported(snakemake.log[0]):
-    files, tables = snakemake.input, snakemake.output
+    files, tables, params = snakemake.input, snakemake.output, snakemake.params
+    with np.load(files.mesh) as mesh:
+        force_N = mesh["force_N"]
+    size = params.size
+    plan = Plan(size["sessions"], size["frames"], force_N, params.accuracy, params.seed)
+    design = table_2.Design(params.skin, plan, size["permutations"])
     left_out = table_2.write(
-        dict(zip(snakemake.params.names, files.recordings, strict=True)),
-        files.mesh,
+        dict(zip(params.names, files.recordings, strict=True)),
+        params.configurations,
+        design,
         files.paper,
         tables.csv,
         tables.markdown,
-        snakemake.params.skin,
-        snakemake.params.configurations,
-        snakemake.params.accuracy,
-        snakemake.params.seed,
-        **snakemake.params.size,
     )
     Path(snakemake.log[0]).write_text("\n".join(left_out), encoding="utf-8")
     for line in left_out:

@@ -2,12 +2,12 @@
 
 from eitskin.data import dataset, splits
 from eitskin.errors import reported
-from eitskin.learn.train import Budget, Recipe, train_predictor
+from eitskin.learn.train import Budget, Recipe, Seeds, Split, train_predictor
 
 with reported(snakemake.log[0]):
     params, files = snakemake.params, snakemake.input
     data = dataset.read(files.dataset)
     part = splits.read(files.split, data.table)
-    recipe = Recipe.of(params.recipe, Budget(**params.budget))
-    job = (recipe, params.draw, params.seed, files.teachers)
-    train_predictor(data, part, snakemake.wildcards.model, snakemake.output[0], *job)
+    recipe = Recipe.from_settings(params.recipe, Budget(**params.budget))
+    job = (recipe, Seeds(params.draw, params.seed), files.teachers)
+    train_predictor(Split(data, part), snakemake.wildcards.model, snakemake.output[0], *job)

@@ -2,11 +2,12 @@
 
 from eitskin.data import dataset, splits
 from eitskin.errors import reported
-from eitskin.learn.train import Budget, Optimiser, train_regressor
+from eitskin.learn.train import Budget, Optimiser, Seeds, Split, train_regressor
 
 with reported(snakemake.log[0]):
     params, files = snakemake.params, snakemake.input
     data = dataset.read(files.dataset)
     part = splits.read(files.split, data.table)
     job = (snakemake.output[0], Optimiser(**params.optimiser), Budget(**params.budget))
-    train_regressor(data, part, files.autoencoder, *job, params.draw, params.seed)
+    seeds = Seeds(params.draw, params.seed)
+    train_regressor(Split(data, part), files.autoencoder, *job, seeds)

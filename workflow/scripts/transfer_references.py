@@ -1,4 +1,4 @@
-"""What a recording's own labels give on its test part, few of them and all."""
+"""Errors on a recording's test part of models trained on its own labels, few and all."""
 
 from eitskin.data import dataset, splits
 from eitskin.errors import reported
@@ -9,6 +9,6 @@ with reported(snakemake.log[0]):
     params, files = snakemake.params, snakemake.input
     data = dataset.read(files.dataset)
     part = splits.read(files.split, data.table)
-    recipe = Recipe.of(params.recipe, Budget(**params.budget), params.latent_dim)
+    recipe = Recipe.from_settings(params.recipe, Budget(**params.budget), params.latent_dim)
     rows = transfer.references(model_file.read_seeds(files.models), data, part, recipe, params.seed)
     metrics.write(rows, snakemake.output[0])

@@ -1,8 +1,9 @@
-"""A simulation's model on a recording's test part, as it is and adapted."""
+"""Errors of a simulation's model on a recording's test part, as trained and adapted."""
 
 from eitskin.data import dataset, recording, splits
 from eitskin.errors import reported
 from eitskin.learn import metrics, model_file, transfer, transfer_runs
+from eitskin.learn.train import Split
 
 with reported(snakemake.log[0]):
     files = snakemake.input
@@ -10,8 +11,9 @@ with reported(snakemake.log[0]):
     source_part = splits.read(files.source_split, source.table)
     part = splits.read(files.split, target.table)
     angles = recording.read(files.recording).skin.electrode_deg
-    sides = (source, source_part, target, part)
     seeds = range(snakemake.params.seed, snakemake.params.seed + transfer_runs.DRAWS)
     draws = [transfer_runs.labelled(target.table, part, seed) for seed in seeds]
-    rows = transfer.transferred(model_file.read_seeds(files.models), *sides, angles, draws)
+    sides = Split(source, source_part), Split(target, part)
+    model = model_file.read_seeds(files.models)
+    rows = transfer.transferred(model, *sides, angles, draws)
     metrics.write(rows, snakemake.output[0])

@@ -1,4 +1,4 @@
-"""Collect how models do on the validation part at every point of the grid."""
+"""Collect the errors of models on the validation part at every point of the grid."""
 
 import pandas as pd
 
@@ -8,7 +8,7 @@ from eitskin.paper import tuning
 with reported(snakemake.log[0]):
     params = snakemake.params
     rows = [
-        tuning.row(pd.read_csv(path), one, params.grid[one["setting"]], params.budget)
-        for path, one in zip(snakemake.input, params.points, strict=True)
+        tuning.row(pd.read_csv(path), point, params.grid[point["setting"]], params.budget)
+        for path, point in zip(snakemake.input, params.points, strict=True)
     ]
     tuning.write(rows, snakemake.output[0])

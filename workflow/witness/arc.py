@@ -1,9 +1,9 @@
 """The current density under one contact: a log kernel on a segment with a Robin condition.
 
 On a segment t in [-1, 1], (beta + C) q = f with (C q)(t) = -1/pi int log|t - t'| q(t') dt': the
-contact's own part of the complete electrode model, beta its length z sigma over half the arc.
-The density crowds at the ends within beta of them, so that it is kept on graded panels, and seen
-from elsewhere only through its moments against a few Lagrange polynomials.
+self-interaction of a contact in the complete electrode model, beta its length z sigma over half the
+arc. The density concentrates within beta of the ends, so that it is represented on graded panels;
+other contacts interact only with its moments against a few Lagrange polynomials.
 """
 
 import itertools
@@ -12,9 +12,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial.legendre import leggauss, legvander
 
-PANEL_NODES = 10
-HALVINGS = 11
-LOG_LEVELS = 36
+PANEL_NODES = 10  # Gauss nodes: 1e-10 on a panel halved towards a logarithm
+HALVINGS = 11  # panels down to 5e-4 of the half arc, below the least beta
+LOG_LEVELS = 36  # dyadic panels, down to rounding
 
 
 def segment_panels(halvings: int = HALVINGS) -> np.ndarray:
@@ -31,12 +31,12 @@ def panel_nodes(ends: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
     return middle + half * node, half * weight
 
 
-def lagrange(at: np.ndarray, order: int) -> np.ndarray:
-    """(len(at), order): values at `at` of the polynomials that are 1 at one Gauss node each."""
+def lagrange(points: np.ndarray, order: int) -> np.ndarray:
+    """(len(points), order): values of the Lagrange polynomials of the Gauss nodes at points."""
     node, weight = leggauss(order)
     degree = np.arange(order)
     project = (degree + 0.5)[:, None] * legvander(node, order - 1).T * weight
-    return legvander(at, order - 1) @ project
+    return legvander(points, order - 1) @ project
 
 
 def log_weights(place: float, a: float, b: float, order: int) -> np.ndarray:
@@ -65,9 +65,9 @@ def segment_operator(
     ends = segment_panels(halvings)
     t, w = panel_nodes(ends, order)
     nodes, weights = t.ravel(), w.ravel()
-    apart = np.abs(nodes[:, None] - nodes)
-    np.fill_diagonal(apart, 1.0)
-    operator = np.log(apart) * weights
+    distance = np.abs(nodes[:, None] - nodes)
+    np.fill_diagonal(distance, 1.0)
+    operator = np.log(distance) * weights
     for row, place in enumerate(nodes):
         for panel, (a, b) in enumerate(itertools.pairwise(ends)):
             if max(a - place, place - b) < 1.5 * (b - a):
@@ -96,9 +96,9 @@ def moment_response(beta: np.ndarray, order: int, halvings: int = HALVINGS) -> n
 
     Moment j is int q(t) L_j(t) dt, L_j the Lagrange polynomial of node j of `order` Gauss nodes.
     """
-    values, left, right = _moment_factors(order, halvings)
-    scaled = left[None] / (np.asarray(beta, float)[:, None, None] + values)
-    return (scaled @ right).real
+    values, moments_of_modes, mode_values = _moment_factors(order, halvings)
+    scaled = moments_of_modes[None] / (np.asarray(beta, float)[:, None, None] + values)
+    return (scaled @ mode_values).real
 
 
 def segment_response(beta: np.ndarray, order: int, halvings: int = HALVINGS) -> np.ndarray:
@@ -106,5 +106,5 @@ def segment_response(beta: np.ndarray, order: int, halvings: int = HALVINGS) -> 
     at p Gauss nodes."""
     nodes, weights, operator = segment_operator(halvings)
     local = lagrange(nodes, order)
-    along = lagrange(nodes, len(beta)) @ beta
-    return (local * weights[:, None]).T @ np.linalg.solve(np.diag(along) + operator, local)
+    beta_at_nodes = lagrange(nodes, len(beta)) @ beta
+    return (local * weights[:, None]).T @ np.linalg.solve(np.diag(beta_at_nodes) + operator, local)

@@ -30,9 +30,8 @@ CLOSE = 0.15  # inclusions nearer than this share of a radius get panels
 
 @dataclass(frozen=True)
 class Resolution:
-    """Nodes: rim nodes and the Gauss nodes an electrode is seen through, at least and per gap.
-
-    digits: what expansions are cut off at, natural logarithm.
+    """The least numbers of rim nodes and of Gauss nodes of an electrode's moments; digits: natural
+    logarithm of the accuracy at which expansions are cut off; halvings: of an arc's panels.
     """
 
     rim: int = 320
@@ -78,33 +77,36 @@ class Body:
 
     def _arcs(self, centre: np.ndarray, half: np.ndarray) -> None:
         """Physical half arc lengths of the electrodes, in radii, and their ends' angles."""
-        self.first, self.last = centre - half, centre + half
+        self.starts, self.stops = centre - half, centre + half
         node, weight = leggauss(40)
         phi = centre[:, None] + half[:, None] * node
         self.half_arc = 0.5 * half * (np.abs(self.shape.rim(phi, 1)) @ weight)
 
     def _arc_order(self, gap: float) -> int:
-        """Gauss nodes by what comes nearest to an electrode: its neighbour, or an inclusion."""
-        mean = 0.5 * (self.first + self.last)
+        """The number of Gauss nodes, by the distance of the nearest electrode or inclusion."""
+        mean = 0.5 * (self.starts + self.stops)
         order = np.argsort(mean % (2.0 * np.pi))
-        start, stop = self.first[order], self.last[order]
-        apart = (np.roll(start, -1) - stop) % (2.0 * np.pi)
+        start, stop = self.starts[order], self.stops[order]
+        gap_angle = (np.roll(start, -1) - stop) % (2.0 * np.pi)
         half = 0.5 * (stop - start)
-        beside = 1.0 + apart / np.maximum(half, np.roll(half, -1))
-        rho = (beside + np.sqrt(beside**2 - 1.0)).min()
-        over = gap / half.max()
-        if np.isfinite(over):
-            rho = min(rho, over + np.sqrt(over**2 + 1.0))
+        relative_gap = 1.0 + gap_angle / np.maximum(half, np.roll(half, -1))
+        rho = (relative_gap + np.sqrt(relative_gap**2 - 1.0)).min()
+        relative_clearance = gap / half.max()
+        if np.isfinite(relative_clearance):
+            rho = min(rho, relative_clearance + np.sqrt(relative_clearance**2 + 1.0))
         return int(np.clip(np.ceil(self.resolution.digits / np.log(rho)), self.resolution.arc, 48))
 
     def _nodes(self) -> None:
-        """The Gauss nodes of every electrode, even in physical arc length."""
+        """Set the Gauss nodes of every electrode, in physical arc length."""
         node = leggauss(self.order)[0]
-        phi = 0.5 * (self.first + self.last)[:, None] + np.outer(self.last - self.first, node) / 2.0
-        wanted = self.half_arc[:, None] * (1.0 + node)
+        phi = (
+            0.5 * (self.starts + self.stops)[:, None]
+            + np.outer(self.stops - self.starts, node) / 2.0
+        )
+        arc_length = self.half_arc[:, None] * (1.0 + node)
         for _ in range(8):
             length = self._length(phi)
-            phi = phi - (length - wanted) / np.abs(self.shape.rim(phi, 1))
+            phi = phi - (length - arc_length) / np.abs(self.shape.rim(phi, 1))
         slope = self.shape.rim(phi, 1)
         stretch = self.half_arc[:, None] / np.abs(slope)
         self.arc_angle = phi.ravel()
@@ -115,23 +117,24 @@ class Body:
     def _length(self, phi: np.ndarray) -> np.ndarray:
         """Arc length from an electrode's first edge to each angle."""
         node, weight = leggauss(40)
-        half = 0.5 * (phi - self.first[:, None])
-        at = self.first[:, None, None] + half[..., None] * (1.0 + node)
-        return half * (np.abs(self.shape.rim(at, 1)) @ weight)
+        half = 0.5 * (phi - self.starts[:, None])
+        angle = self.starts[:, None, None] + half[..., None] * (1.0 + node)
+        return half * (np.abs(self.shape.rim(angle, 1)) @ weight)
 
     def _among_arcs(self) -> np.ndarray:
-        """Potential at the electrodes' nodes of their moments, without the segment's own log."""
+        """The potential at the electrodes' nodes of their moments, without the log kernel of each
+        electrode with itself."""
         n, p, place = self.n, self.order, self.arc_place
-        apart = np.abs(place[:, None] - place).reshape(n, p, n, p)
+        distances = np.abs(place[:, None] - place).reshape(n, p, n, p)
         t = leggauss(p)[0]
-        distance = np.abs(t[:, None] - t)
-        np.fill_diagonal(distance, 1.0)
+        node_distance = np.abs(t[:, None] - t)
+        np.fill_diagonal(node_distance, 1.0)
         for i in range(n):
-            own = apart[i, :, i]
-            np.fill_diagonal(own, self.arc_stretch[i * p : (i + 1) * p])
-            apart[i, :, i] = own / distance
-        value = -np.log(apart.reshape(n * p, n * p)) / (2.0 * np.pi)
-        return 2.0 * (value + self.medium.rest(place, place))
+            segment_distances = distances[i, :, i]
+            np.fill_diagonal(segment_distances, self.arc_stretch[i * p : (i + 1) * p])
+            distances[i, :, i] = segment_distances / node_distance
+        value = -np.log(distances.reshape(n * p, n * p)) / (2.0 * np.pi)
+        return 2.0 * (value + self.medium.smooth(place, place))
 
     def _solve_rim(self) -> None:
         edge, medium = self.edge, self.medium
@@ -140,35 +143,35 @@ class Body:
         length = weight.sum()
 
         def sink(other_root: np.ndarray) -> np.ndarray:
-            """What makes currents that do not sum to zero leave evenly."""
+            """The kernel by which currents with a non-zero sum leave evenly over the rim."""
             return np.outer(1.0 / root, other_root) / length
 
         self.sink = sink
         matrix = 0.5 * np.eye(len(weight)) + (own_flux(medium, edge) + sink(root)) * weight
         self.factored = lu_factor(matrix)
         to_arcs = same_curve_log(self.arc_place, self.arc_angle, self.arc_speed, edge, edge.modes)
-        to_arcs = to_arcs + medium.rest(self.arc_place, edge.place)
+        to_arcs = to_arcs + medium.smooth(self.arc_place, edge.place)
         self.arcs_from_rim = lu_solve(self.factored, (to_arcs * weight).T, trans=1).T
         onto_rim = self._rim_from_arcs(to_arcs)
         self.rim_from_arcs = lu_solve(self.factored, -2.0 * (onto_rim + sink(self.arc_root)))
         self.among_arcs = self._among_arcs() + (to_arcs * weight) @ self.rim_from_arcs
 
     def _rim_from_arcs(self, to_arcs: np.ndarray) -> np.ndarray:
-        """Flux at the rim's nodes of moments; the log part as what the rim's waves see of it."""
+        """The flux of moments at the rim's nodes, its log part projected on the rim's waves."""
         edge, medium = self.edge, self.medium
-        apart = edge.place[:, None] - self.arc_place
-        close = np.abs(apart) < 1e-9
-        apart[close] = 1.0
-        value = -(edge.normal[:, None] / apart).real / (2.0 * np.pi)
+        difference = edge.place[:, None] - self.arc_place
+        close = np.abs(difference) < 1e-9
+        difference[close] = 1.0
+        value = -(edge.normal[:, None] / difference).real / (2.0 * np.pi)
         bend = np.broadcast_to(-edge.curvature[:, None] / (4.0 * np.pi), value.shape)
         value[close] = bend[close]
         if isinstance(medium, Plane):
             return value
-        value = value + medium.normal_rest(edge.place, edge.normal, self.arc_place)
+        value = value + medium.normal_smooth(edge.place, edge.normal, self.arc_place)
         return value - medium.bend(edge.place, edge.normal)[:, None] * to_arcs.T
 
     def tilted_response(self, electrode: int, beta: float) -> np.ndarray:
-        """(order, order): `segment_response` of an electrode on a tilted conductivity; kept."""
+        """(order, order): `segment_response` of an electrode on a tilted conductivity, cached."""
         key = electrode, beta
         if key not in self._tilted:
             square = self.arc_root.reshape(self.n, -1)[electrode] ** 2
@@ -181,12 +184,12 @@ class Body:
         return Contact(self, np.asarray(length, float))
 
     def place(self, discs: Sequence[Disc]) -> "Place":
-        """Inclusions at definite places, whatever their contrasts."""
+        """Inclusions at given places, for any contrasts."""
         return Place(self, tuple(discs))
 
 
 class Contact:
-    """The electrodes' own response: moments Y (sqrt(s) U - v) for outer potentials v."""
+    """The response of the electrodes: moments Y (sqrt(s) U - v) for outer potentials v."""
 
     def __init__(self, body: Body, length: np.ndarray):
         n, p = body.n, body.order
@@ -212,25 +215,25 @@ class Place:
         self.sizes = [len(edge.place) for edge in self.edges]
 
     def _edge(self, disc: Disc, index: int) -> Edge:
-        """Even nodes where the disc is alone; else panels as short as what is near is far."""
+        """The edge of a disc: even nodes, or panels no longer than the distance to other edges."""
         body, r = self.body, self.body.shape.radius_mm
         centre, radius = complex(disc.x_mm, disc.y_mm) / r, disc.radius_mm / r
         phi = 2.0 * np.pi * np.arange(512) / 512
         to_rim = np.abs(centre - body.shape.rim(phi)).min() - radius
         if to_rim <= 0:
             raise ValueError(f"inclusion {index} leaves the skin by {-to_rim * r:g} mm")
-        others = [
-            (complex(other.x_mm, other.y_mm) / r, other.radius_mm / r)
-            for k, other in enumerate(self.discs)
+        circles = [
+            (complex(neighbour.x_mm, neighbour.y_mm) / r, neighbour.radius_mm / r)
+            for k, neighbour in enumerate(self.discs)
             if k != index
         ]
-        apart = [
-            max(abs(centre - c) - radius - o, abs(radius - o) - abs(centre - c)) for c, o in others
+        gaps = [
+            max(abs(centre - c) - radius - o, abs(radius - o) - abs(centre - c)) for c, o in circles
         ]
-        if min(apart, default=np.inf) < CLOSE * radius:
-            angle, span = close_angles(centre, radius, others, to_rim)
+        if min(gaps, default=np.inf) < CLOSE * radius:
+            angle, span = close_angles(centre, radius, circles, to_rim)
         else:
-            gap = min(to_rim, *apart) if apart else to_rim
+            gap = min(to_rim, *gaps) if gaps else to_rim
             count = int(np.clip(2.0 * body.resolution.digits / np.log1p(gap / radius), 24, 1024))
             count += count % 2
             angle = 2.0 * np.pi * np.arange(count) / count
@@ -238,8 +241,8 @@ class Place:
         return disc_edge(body.shape, centre, radius, angle, span)
 
     @cached_property
-    def _joined(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Places, normals and weights of all edges' nodes, and what the rim answers to them."""
+    def _all_nodes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Places, normals and weights of all edges' nodes, and the rim's right-hand sides."""
         place, normal, weight = (
             np.concatenate([getattr(edge, name) for edge in self.edges])
             for name in ("place", "normal", "weight")
@@ -251,10 +254,10 @@ class Place:
 
     @cached_property
     def fluxes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Flux among edges (C, C), at edges from moments (C, E), potential at electrodes from
-        edges (E, C)."""
+        """The flux among edges (C, C) and at edges from moments (C, E), and the potential at
+        electrodes from edges (E, C)."""
         body, medium = self.body, self.body.medium
-        place, normal, weight, on_rim = self._joined
+        place, normal, weight, on_rim = self._all_nodes
         from_rim = flux(medium, place, normal, body.edge.place) * body.edge.weight
         rows = []
         for i, a in enumerate(self.edges):
@@ -264,29 +267,35 @@ class Place:
             ]
             rows.append(np.hstack(row))
         among = np.vstack(rows) * weight + from_rim @ lu_solve(body.factored, on_rim)
-        felt = 2.0 * flux(medium, place, normal, body.arc_place) + from_rim @ body.rim_from_arcs
-        seen = potential(medium, body.arc_place, place) * weight + body.arcs_from_rim @ on_rim
-        return among, felt, seen
+        from_moments = (
+            2.0 * flux(medium, place, normal, body.arc_place) + from_rim @ body.rim_from_arcs
+        )
+        to_electrodes = (
+            potential(medium, body.arc_place, place) * weight + body.arcs_from_rim @ on_rim
+        )
+        return among, from_moments, to_electrodes
 
     @cached_property
     def _levels(self) -> tuple[np.ndarray, np.ndarray]:
-        """Potential at edges from edges (C, C) and from moments (C, E)."""
+        """The potential at edges from edges (C, C) and from moments (C, E)."""
         body, medium = self.body, self.body.medium
-        place, _, weight, on_rim = self._joined
+        place, _, weight, on_rim = self._all_nodes
         from_rim = potential(medium, place, body.edge.place) * body.edge.weight
         rows = []
         for i, a in enumerate(self.edges):
             speed = a.weight / a.span
-            own = same_curve_log(a.place, a.angle, speed, a, a.modes)
-            own = own + medium.rest(a.place, a.place)
+            self_potential = same_curve_log(a.place, a.angle, speed, a, a.modes)
+            self_potential = self_potential + medium.smooth(a.place, a.place)
             row = [
-                own if i == j else potential(medium, a.place, b.place)
+                self_potential if i == j else potential(medium, a.place, b.place)
                 for j, b in enumerate(self.edges)
             ]
             rows.append(np.hstack(row))
         among = np.vstack(rows) * weight + from_rim @ lu_solve(body.factored, on_rim)
-        felt = 2.0 * potential(medium, place, body.arc_place) + from_rim @ body.rim_from_arcs
-        return among, felt
+        from_moments = (
+            2.0 * potential(medium, place, body.arc_place) + from_rim @ body.rim_from_arcs
+        )
+        return among, from_moments
 
     def admittance(
         self, contact: Contact, contrast: Sequence[float], radial: "Radial | None" = None
@@ -294,7 +303,7 @@ class Place:
         """(n, n): currents for the electrodes' potentials above ground, in units of the sheet's
         conductance.
 
-        contrast: of each disc; radial: what the first disc is inside, in place of its contrast.
+        contrast: of each disc; radial: the inside of the first disc, in place of its contrast.
         """
         body = self.body
         n, p = body.n, body.order
@@ -306,37 +315,43 @@ class Place:
         sinks = np.zeros(n + 1)
         active = [c != 0.0 or (radial is not None and k == 0) for k, c in enumerate(contrast)]
         if any(active):
-            keep = np.repeat(active, self.sizes)
-            among, felt, seen = self.fluxes
-            among, felt, seen = among[np.ix_(keep, keep)], felt[keep], seen[:, keep]
-            own = np.repeat(contrast, self.sizes)[keep]
-            jump = 0.5 + np.divide(1.0, own, out=np.zeros(len(own)), where=own != 0.0)
-            rows = felt @ moments
+            active_nodes = np.repeat(active, self.sizes)
+            among, from_moments, to_electrodes = self.fluxes
+            among = among[np.ix_(active_nodes, active_nodes)]
+            from_moments = from_moments[active_nodes]
+            to_electrodes = to_electrodes[:, active_nodes]
+            contrasts = np.repeat(contrast, self.sizes)[active_nodes]
+            jump = 0.5 + np.divide(
+                1.0, contrasts, out=np.zeros(len(contrasts)), where=contrasts != 0.0
+            )
+            rows = from_moments @ moments
             if radial is not None:
                 inside = slice(0, self.sizes[0])
                 jump[inside] = -0.5
                 if not self.edges[0].even:
                     raise ValueError("a round inclusion that another one meets")
-                taken = radial.operator(self.sizes[0], body)
-                level, level_felt = (part[keep][inside] for part in self._levels)
-                among, felt, rows = among.copy(), felt.copy(), rows.copy()
-                among[inside] -= taken @ level[:, keep]
-                felt[inside] -= taken @ level_felt
-                rows = felt @ moments
-                rows[inside, n] -= taken.sum(axis=1)
-            back = contact.response @ seen
-            system = among - felt @ back
-            system[np.diag_indices(len(own))] += jump
+                inner_operator = radial.operator(self.sizes[0], body)
+                level_among, level_from_moments = (
+                    part[active_nodes][inside] for part in self._levels
+                )
+                among, from_moments, rows = among.copy(), from_moments.copy(), rows.copy()
+                among[inside] -= inner_operator @ level_among[:, active_nodes]
+                from_moments[inside] -= inner_operator @ level_from_moments
+                rows = from_moments @ moments
+                rows[inside, n] -= inner_operator.sum(axis=1)
+            response_to_edges = contact.response @ to_electrodes
+            system = among - from_moments @ response_to_edges
+            system[np.diag_indices(len(contrasts))] += jump
             density = -np.linalg.solve(system, rows)
-            moments = moments - back @ density
-            place, _, weight, _ = self._joined
-            sinks = (body.medium.root(place) * weight)[keep] @ density
+            moments = moments - response_to_edges @ density
+            place, _, weight, _ = self._all_nodes
+            sinks = (body.medium.root(place) * weight)[active_nodes] @ density
         return levelled((root[:, None] * moments).reshape(n, p, n + 1).sum(axis=1), sinks)
 
 
 @dataclass(frozen=True)
 class Radial:
-    """What the inside of a round inclusion draws: flux over potential at its edge for each wave
+    """The admittance of a round inclusion's inside: flux over potential at its edge for each wave
     cos k theta, in units of the conductance around it, 1/mm."""
 
     waves: np.ndarray
@@ -348,8 +363,10 @@ class Radial:
         k = np.arange(513)
         inside = 1.0 + contrast
         x = np.sqrt(siemens / (np.pi * sheet * inside))
-        small, above = ive(k, x), ive(k + 1, x)
-        ratio = np.where(small > 1e-200, above / np.maximum(small, 1e-300), x / (2.0 * k + 2.0))
+        order, next_order = ive(k, x), ive(k + 1, x)
+        ratio = np.where(
+            order > 1e-200, next_order / np.maximum(order, 1e-300), x / (2.0 * k + 2.0)
+        )
         return cls(inside * (k + x * ratio) / radius_mm)
 
     @classmethod
@@ -357,15 +374,15 @@ class Radial:
         """Rings from the centre out, each with its conductivity over that around; radii
         ascending."""
         k = np.arange(1, 513)
-        drawn = relative[0] * np.ones(len(k))
+        effective = relative[0] * np.ones(len(k))
         for inner, outer, value in zip(radii_mm[:-1], radii_mm[1:], relative[1:], strict=True):
-            fade = (inner / outer) ** (2 * k) * (value - drawn) / (value + drawn)
-            drawn = value * (1.0 - fade) / (1.0 + fade)
-        return cls(np.append(0.0, k * drawn / radii_mm[-1]))
+            fade = (inner / outer) ** (2 * k) * (value - effective) / (value + effective)
+            effective = value * (1.0 - fade) / (1.0 + fade)
+        return cls(np.append(0.0, k * effective / radii_mm[-1]))
 
     def operator(self, count: int, body: Body) -> np.ndarray:
-        """(count, count) on even nodes, 1 / skin radii. Raises ValueError where the disc is none
-        in unfolded coordinates."""
+        """(count, count) on even nodes, 1 / skin radii. Raises ValueError where the disc is not
+        round in unfolded coordinates."""
         if body.shape.anisotropy[0] != 1.0 or not isinstance(body.medium, Plane):
             raise ValueError("round inclusions need a conductivity without direction or tilt")
         k = np.minimum(np.arange(count), count - np.arange(count))
@@ -375,7 +392,7 @@ class Radial:
 
 
 def levelled(current: np.ndarray, sinks: np.ndarray) -> np.ndarray:
-    """(n, n): admittance of currents (n, n + 1), the last column a level that all share; it is
-    such that what the electrodes give, the inclusions (`sinks`, (n + 1,)) take."""
+    """(n, n): the admittance of currents (n, n + 1), whose last column is a common level, chosen
+    such that the electrodes' currents sum to those into the inclusions, `sinks` (n + 1,)."""
     total = current.sum(axis=0) + sinks
     return current[:, :-1] - np.outer(current[:, -1], total[:-1] / total[-1])

@@ -1,10 +1,10 @@
-"""Recordings in which one knows what is concealed.
+"""Recordings with known truth.
 
     draw("single:contact-impedance", 7), draw("null", 1), draw("pair", 3), draw("outside:palm", 2),
     draw("null", 1, generator="elements"), draw("pair+rig", 3), draw("null+rig:spikes", 1)
 
-Sixteen electrodes, adjacent drives and pairs; what is drawn is in `draw`. Equal kinds and seeds
-give the same case bit for bit.
+Sixteen electrodes, adjacent drives and pairs; `draw` lists the random quantities. Equal kinds and
+seeds give the same case bit for bit.
 """
 
 import json
@@ -29,13 +29,14 @@ from witness.schedule import Keep, query_frames, recording_frames
 from witness.world import World
 
 N_ELECTRODES = 16
-LEAST_LEVEL, MOST_LEVEL = 3e-4, 2e-2  # noise over the median |v|
+LEAST_LEVEL, MOST_LEVEL = 3e-4, 2e-2  # noise over the median |v|: from a good rig to a poor one
+# Detectable, but not trivially; more in sets and outside the catalogue, where signatures overlap.
 SINGLE_SNR, SET_SNR, OUTSIDE_SNR = (10.0, 60.0), (15.0, 80.0), (20.0, 100.0)
-CLEAR_MM = 8.0  # radius of a disc that nobody touches, for laws that sit in one
-BEYOND = 1e12  # an SNR that no strength shows
+CLEAR_MM = 8.0  # radius of the untouched disc of laws that act in one
+UNREACHABLE_SNR = 1e12  # above that of any strength
 APART_MM, NO_TANGENT_MM = 1.5, 0.5  # from an edge to that of any touch; where they may cross
-# Two of a group would need what the witness does not solve, or not soon, or be one effect.
-APART_NAMES = (
+# Two of a group cannot be solved by the witness, not in reasonable time, or are one effect.
+INCOMPATIBLE = (
     *(
         ("third-dimension", name)
         for name in (
@@ -52,20 +53,20 @@ APART_NAMES = (
     ("anisotropy", "conductivity-gradient", "indenter-grounding"),
     ("electrode-open", "electrode-swap"),
 )
-# An effect at a strength, its unit, the largest strength; unit None: at the largest alone.
+# A law by its strength, a unit of strength, the largest strength; unit None: the largest alone.
 Maker = tuple[Callable[[float], dict | outside.Outside], float | None, float]
 NEEDS = {"contact-impedance": "contact_impedivity_ohm_m2", "touch-contrast": "contrast_per_N"}
 
 
 @dataclass(frozen=True)
-class Alike:
-    """A drawing in which frames and metadata tell nothing of the kind, but for what is `deep`.
+class Blinding:
+    """Blinding of a case: frames and metadata are independent of the kind, except for `deep`.
 
-    Every source is sink-grounded and every owner knows the contrast, for else there are names that
-    nothing could show; a third do not know the contacts, whatever the kind; all touches keep clear
-    of a disc in which a law may sit. query_frames: of every query; deep: the owner tells of a body
-    with low electrodes, without which there is no third dimension to be seen; levels: the noise
-    over the median |v|, from and to.
+    Every source is sink-grounded and every owner knows the contrast, as some effects would
+    otherwise be unidentifiable; a third do not know the contacts, for any kind; all touches keep
+    clear of a disc in which a law may act. query_frames: of every query; deep: the nominal skin is
+    a body with low electrodes, without which the third dimension has no effect; levels: the range
+    of the noise over the median |v|.
     """
 
     query_frames: int
@@ -77,12 +78,12 @@ class Alike:
 class Case:
     """One recording with its truth.
 
-    believed, true: the skin; effects: in the configuration's form, with their scopes and snr (of
-    the signature that is left after an overall factor; `snr`: alone, `snr_given_others`: in its
-    set); outside: {law, parameters, snr} or None; states, query: frames as the recording format has
-    them; clean, voltage (N, M), query_clean (Q, M) V; noise_V (M,): sd; level: of the median |v|;
-    world: that made clean, with the bodies it solved; rig: errors of the rig, by which `states` are
-    off the true_states, at which `clean` was made, and `voltage` off `clean`.
+    believed, true: the nominal and the true skin; effects: in the configuration's form, with their
+    scopes and snr (of the signature without an overall factor; `snr`: of the effect alone,
+    `snr_given_others`: in its set); outside: {law, parameters, snr} or None; states, query: frames
+    in the recording format; clean, voltage (N, M), query_clean (Q, M) V; noise_V (M,): sd; level:
+    over the median |v|; world: the solver of `clean` with its cache; rig: errors, by which `states`
+    differ from the `true_states` of `clean`, and `voltage` from `clean`.
     """
 
     kind: str
@@ -108,44 +109,45 @@ class Case:
 
     @property
     def recorded(self) -> recording.Recording:
-        """What its owner has of it."""
+        """The recording, as its owner has it."""
         return recording.Recording(self.states, self.voltage, None, None, dict(self.metadata))
 
 
 def owners_metadata(channels: np.ndarray, frame_s: float, believed: Skin) -> dict:
-    """Metadata of a simulated recording as its owner writes them; channels (M, 4); frame_s: s."""
+    """The metadata of a simulated recording with its nominal skin; channels (M, 4)."""
     return recording.metadata_of(channels, believed.metadata(), "simulation", frame_s=frame_s)
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    """A number between two, evenly in its logarithm, of three significant digits."""
+    """A log-uniform number in a range, with three significant digits."""
     return float(f"{np.exp(rng.uniform(np.log(low), np.log(high))):.3g}")
 
 
 class _Shown:
-    """What a world makes of some states; of laws asked for before, the same again."""
+    """The readings of a world at some states, cached by their laws."""
 
     def __init__(self, world: World, states: pd.DataFrame):
         self.world, self.states = world, states
-        self._known: dict = {}
+        self._readings: dict = {}
 
     def readings(self, laws: list[dict], hidden: outside.Outside | None = None) -> np.ndarray:
         """(N, M) V, noise-free."""
         key = repr((laws, hidden))
-        if key not in self._known:
-            self._known[key] = self.world.readings(self.states, laws, hidden)
-        return self._known[key]
+        if key not in self._readings:
+            self._readings[key] = self.world.readings(self.states, laws, hidden)
+        return self._readings[key]
 
-    def snr(self, made: dict | outside.Outside, noise_V: np.ndarray) -> float:
-        """SNR of one law, of the catalogue or outside it, in noise (M,) V."""
-        laws, hidden = ([made], None) if isinstance(made, dict) else ([], made)
+    def snr(self, law: dict | outside.Outside, noise_V: np.ndarray) -> float:
+        """The SNR of one law, of the catalogue or outside it, in noise (M,) V."""
+        laws, hidden = ([law], None) if isinstance(law, dict) else ([], law)
         return signature(self.readings(laws, hidden), self.readings([]), noise_V)
 
 
 @dataclass(frozen=True)
 class _Bench:
-    """What there is before anything is concealed: skin: as drawn; free: a disc (x, y, radius), mm,
-    in which a law may sit; grounded: the source's sink; the others as of `Case`."""
+    """A skin and its frames before anything is concealed. skin: with its true values except for the
+    conductivity; free: a disc (x, y, radius), mm, in which a law may act; grounded: whether the
+    source's sink is; the other fields as in `Case`."""
 
     skin: Skin
     true: Skin
@@ -158,11 +160,11 @@ class _Bench:
     query: pd.DataFrame
 
     def world(self, generator: str) -> World:
-        """What answers the frames."""
+        """The world of the true skin."""
         return World(self.true, self.channels, self.frame_s, self.grounded, generator=generator)
 
     def scene(self, untouched_V: np.ndarray) -> strengths.Scene:
-        """What effects are drawn for, with readings (M,) V of the untouched skin."""
+        """The scene of effects, with readings (M,) V of the untouched skin."""
         thickness = self.skin.thickness_mm
         assert thickness is not None
         return strengths.Scene(
@@ -171,23 +173,25 @@ class _Bench:
 
 
 def together(names: Sequence[str]) -> bool:
-    """Whether the witness can put effects into one recording."""
-    return all(len(set(group) & set(names)) < 2 for group in APART_NAMES)
+    """Whether the witness can combine effects in one recording."""
+    return all(len(set(group) & set(names)) < 2 for group in INCOMPATIBLE)
 
 
 def names_of(
     kind: str, rng: np.random.Generator, generator: str = "boundary"
 ) -> tuple[list[str], str | None]:
-    """The effects of a kind, drawn where it leaves them open among those that the generator does,
-    and the law outside the catalogue.
+    """The effects of a kind, in sets drawn among those that the generator can solve, and the law
+    outside the catalogue.
 
-    Raises InputError for an unknown kind, or one that the generator cannot do.
+    Raises InputError for an unknown kind, or one that the generator cannot solve.
     """
     word, _, name = kind.partition(":")
     solver = _generator(generator)
     if word in ("single", "outside") and name in solver.unable:
-        others = ", ".join(g for g, one in GENERATORS.items() if one.does(name))
-        raise InputError("case", f"generator of {kind}", repr(generator), others)
+        able_generators = ", ".join(
+            g for g, solver_of_name in GENERATORS.items() if solver_of_name.does(name)
+        )
+        raise InputError("case", f"generator of {kind}", repr(generator), able_generators)
     if kind == "null":
         return [], None
     if word == "single" and name in strengths.DRAWN:
@@ -197,10 +201,10 @@ def names_of(
     if kind in ("pair", "triple"):
         while True:
             size = 2 if kind == "pair" else 3
-            able = [drawn for drawn in sorted(strengths.DRAWN) if solver.does(drawn)]
-            chosen = rng.choice(able, size, replace=False).tolist()
-            if together(chosen):
-                return chosen, None
+            able_names = [drawn for drawn in sorted(strengths.DRAWN) if solver.does(drawn)]
+            names = rng.choice(able_names, size, replace=False).tolist()
+            if together(names):
+                return names, None
     expected = "null, single:<name>, pair, triple or outside:<law>"
     raise InputError("case", "kind", repr(kind), expected)
 
@@ -237,28 +241,28 @@ def _deepened(rng: np.random.Generator, skin: Skin) -> Skin:
     )
 
 
-def _forgotten(rng: np.random.Generator, skin: Skin, names: list[str], alike: bool) -> Skin:
-    """In a third of the cases the owner does not know the contacts, or the contrast, or both;
-    alike: the contacts, whatever the names."""
+def _incomplete(rng: np.random.Generator, skin: Skin, names: list[str], blinded: bool) -> Skin:
+    """The nominal skin: in a third of the cases without contacts, contrast or both; blinded: always
+    without contacts, for any names."""
     unknown = rng.uniform() < 1 / 3
-    which = int(rng.integers(3))
+    choice = int(rng.integers(3))
     if not unknown:
         return skin
-    if alike:
+    if blinded:
         return replace(skin, contact_impedivity_ohm_m2=None)
     keys: tuple[str, ...] = ("contact_impedivity_ohm_m2", "contrast_per_N")
-    keys = keys if which == 2 else keys[which : which + 1]
-    kept = {NEEDS[name] for name in names if name in NEEDS}
-    return replace(skin, **{key: None for key in keys if key not in kept})
+    keys = keys if choice == 2 else keys[choice : choice + 1]
+    needed_keys = {NEEDS[name] for name in names if name in NEEDS}
+    return replace(skin, **{key: None for key in keys if key not in needed_keys})
 
 
 def _drawn(name: str, rng: np.random.Generator, scene: strengths.Scene) -> strengths.Strength:
-    """An effect as it is drawn; not all contacts alike where nobody knows their impedance."""
+    """A random effect; no common contact impedance where the nominal skin has none."""
     while True:
-        drawn = strengths.DRAWN[name](rng, scene)
-        known = scene.skin.contact_impedivity_ohm_m2 is not None
-        if known or name != "contact-impedance" or drawn.scope != "common":
-            return drawn
+        strength = strengths.DRAWN[name](rng, scene)
+        is_known = scene.skin.contact_impedivity_ohm_m2 is not None
+        if is_known or name != "contact-impedance" or strength.scope != "common":
+            return strength
 
 
 def _free_disc(rng: np.random.Generator, radius_mm: float, low: float, high: float) -> tuple:
@@ -270,36 +274,38 @@ def _free_disc(rng: np.random.Generator, radius_mm: float, low: float, high: flo
 
 
 def signature(changed: np.ndarray, plain: np.ndarray, noise_V: np.ndarray) -> float:
-    """SNR of changed - plain (N, M) V in noise (M,) V, without what an overall factor explains."""
-    white = ((changed - plain) / noise_V).ravel()
+    """The SNR of changed - plain (N, M) V in noise (M,) V, orthogonal to an overall factor."""
+    change = ((changed - plain) / noise_V).ravel()
     factor = (plain / noise_V).ravel()
-    left = white - factor * (factor @ white) / (factor @ factor)
-    return float(np.linalg.norm(left))
+    residual = change - factor * (factor @ change) / (factor @ factor)
+    return float(np.linalg.norm(residual))
 
 
 def scaled(
-    shown: Callable[[float], float], unit: float, most: float, wanted: float
+    snr_at: Callable[[float], float], unit: float, max_strength: float, target_snr: float
 ) -> tuple[float, float]:
-    """The strength at which shown(strength), an SNR, is the wanted one to 5 %, or the largest
-    that is possible; and what it shows. shown raises ValueError where the world has no such state.
+    """The strength at which snr_at(strength) is `target_snr` to 5 %, or the largest possible one,
+    and its SNR. snr_at raises ValueError for a strength without a physical state.
     """
-    strength, best = min(unit, most), (0.0, 0.0)
+    strength, best = min(unit, max_strength), (0.0, 0.0)
     for _ in range(12):
         strength = float(f"{strength:.4g}")
         try:
-            snr = shown(strength)
+            snr = snr_at(strength)
         except ValueError:
-            most = 0.9 * strength
-            strength = 0.5 * (best[0] + most) if best[0] < most else 0.5 * most
+            max_strength = 0.9 * strength
+            strength = (
+                0.5 * (best[0] + max_strength) if best[0] < max_strength else 0.5 * max_strength
+            )
             continue
-        if abs(np.log(max(snr, 1e-9) / wanted)) < abs(np.log(max(best[1], 1e-9) / wanted)):
+        if abs(np.log(max(snr, 1e-9) / target_snr)) < abs(np.log(max(best[1], 1e-9) / target_snr)):
             best = strength, snr
-        if abs(snr / wanted - 1.0) < 0.05:
+        if abs(snr / target_snr - 1.0) < 0.05:
             break
-        step = float(np.clip(wanted / max(snr, 1e-9), 0.1, 10.0))
-        if step > 1.0 and strength >= 0.999 * most:
+        step = float(np.clip(target_snr / max(snr, 1e-9), 0.1, 10.0))
+        if step > 1.0 and strength >= 0.999 * max_strength:
             break
-        strength = min(strength * step, most)
+        strength = min(strength * step, max_strength)
     return best
 
 
@@ -309,36 +315,34 @@ def draw(
     frames: int | None = None,
     generator: str = "boundary",
     names: list[str] | None = None,
-    alike: Alike | None = None,
+    blinding: Blinding | None = None,
     share: float | None = None,
 ) -> Case:
     """One case. kind: null, single:<name>, pair, triple or outside:<law>; or any word, where the
     `names` of its effects are given; with +rig, the same case recorded by a rig with errors, or
-    with +rig:<kind>,<kind> with these. generator: who solves what is stored, of
-    `generators.GENERATORS`; strengths, and their SNR, are found by the boundary where it does the
-    law. alike: as of `Alike`.
+    with +rig:<kind>,<kind> with these. generator: the solver of the stored readings, of
+    `generators.GENERATORS`; strengths are determined with the boundary where it can solve the law.
 
     Skin: radius 50 to 90 mm, thickness 2 to 4 mm (10 to 25 as a body), contacts 4 to 9 mm wide
-    of 5e-4 to 1e-2 ohm m2, conductivity up to 15 % off; 100 to 150 frames, or as many as `frames`
-    says; noise 0.03 % to 2 % of the median |v|. SNR 10 to 60 for single effects, 15 to 80 in sets,
-    20 to 100 outside the catalogue; where no physical strength shows that much, the noise falls to
-    0.03 % at the least, or to the generator's least. With `share`, strengths are that of the
-    largest physical ones instead.
-    Raises InputError for an unknown kind, one that the generator cannot do, or a `share` of a
-    strength that is drawn.
+    of 5e-4 to 1e-2 ohm m2, conductivity up to 15 % off; 100 to 150 frames, or `frames`; noise
+    0.03 % to 2 % of the median |v|. SNR 10 to 60 for single effects, 15 to 80 in sets, 20 to 100
+    outside the catalogue; where no physical strength reaches it, the noise is reduced, to no less
+    than 0.03 % or the generator's least. share: of the largest physical strengths, in place of an
+    SNR. Raises InputError for an unknown kind, one that the generator cannot solve, or a `share` of
+    a strength that is drawn.
     """
-    whole, (kind, _, rig) = kind, kind.partition("+")
+    full_kind, (kind, _, rig) = kind, kind.partition("+")
     rng = np.random.default_rng([zlib.crc32(kind.encode()), seed])
     names, law = names_of(kind, rng, generator) if names is None else (names, None)
-    levels = (LEAST_LEVEL, MOST_LEVEL) if alike is None else alike.levels
-    bench = _bench(rng, names, law, frames, alike)
+    levels = (LEAST_LEVEL, MOST_LEVEL) if blinding is None else blinding.levels
+    bench = _bench(rng, names, law, frames, blinding)
     searched = generator if law in outside.OUTSIDE_SOLID else "boundary"
     shown = _Shown(bench.world(searched), bench.states)
     floor = max(levels[0], GENERATORS[generator].least_level)
-    concealed = _concealed(rng, bench, shown, names, law, levels, floor, share)
+    concealed = _concealed(rng, bench, shown, _Goal(names, law, share), levels, floor)
     clean = _noiseless(bench, shown, concealed, generator)
     errors = _rig_errors(rig, np.random.default_rng([zlib.crc32(f"{kind}+rig".encode()), seed]))
-    return _recorded(replace(clean, kind=whole, seed=seed), errors, rng)
+    return _recorded(replace(clean, kind=full_kind, seed=seed), errors, rng)
 
 
 def _bench(
@@ -346,27 +350,27 @@ def _bench(
     names: list[str],
     law: str | None,
     frames: int | None,
-    alike: Alike | None,
+    blinding: Blinding | None,
 ) -> _Bench:
-    """A skin and its frames that suit the names of effects and a law outside the catalogue."""
+    """A skin and its frames, suited to the effects and the law outside the catalogue."""
     skin = _draw_skin(rng)
-    deep = "third-dimension" in names or (alike is not None and alike.deep)
+    deep = "third-dimension" in names or (blinding is not None and blinding.deep)
     if deep:
         skin = _deepened(rng, skin)
-    believed = _forgotten(rng, skin, names, alike is not None)
+    believed = _incomplete(rng, skin, names, blinding is not None)
     if deep and rng.uniform() < 0.5:
         believed = replace(believed, thickness_mm=None)
     assert skin.radius_mm is not None and skin.conductivity_S_per_m is not None
-    off = 1.0 + rng.uniform(-0.15, 0.15)
-    true = replace(skin, conductivity_S_per_m=float(skin.conductivity_S_per_m * off))
+    conductivity_ratio = 1.0 + rng.uniform(-0.15, 0.15)
+    true = replace(skin, conductivity_S_per_m=float(skin.conductivity_S_per_m * conductivity_ratio))
     frame_s = round(float(rng.uniform(0.2, 0.4)), 3)
     grounded = "indenter-grounding" in names or ("ground-leak" in names and rng.uniform() < 0.5)
-    free, keep = _kept_clear(rng, skin.radius_mm, names, law, alike)
+    free, keep = _kept_clear(rng, skin.radius_mm, names, law, blinding)
     states = recording_frames(rng, skin.radius_mm, frame_s, keep, frames)
-    number = None if alike is None else alike.query_frames
+    number = None if blinding is None else blinding.query_frames
     query = query_frames(rng, states, skin.radius_mm, frame_s, keep, number)
     channels = channel_table(N_ELECTRODES)
-    grounded = grounded or alike is not None
+    grounded = grounded or blinding is not None
     return _Bench(skin, true, believed, frame_s, grounded, free, channels, states, query)
 
 
@@ -375,13 +379,13 @@ def _kept_clear(
     radius_mm: float,
     names: list[str],
     law: str | None,
-    alike: Alike | None,
+    blinding: Blinding | None,
 ) -> tuple[tuple[float, float, float], Keep]:
-    """A disc (x, y, radius), mm, in which a law may sit, and what touches keep clear of."""
+    """A disc (x, y, radius), mm, in which a law may act, and the places that touches avoid."""
     x, y, reach = _free_disc(rng, radius_mm, 6.0, 13.0)
     clear = law is not None and LAWS[law].keeps_clear
     free = (x, y, CLEAR_MM if clear else reach)
-    if alike is not None:
+    if blinding is not None:
         return free, Keep(((x, y, max(reach, CLEAR_MM)),), APART_MM, clear=True)
     if clear:
         return free, Keep((free,), APART_MM)
@@ -392,9 +396,19 @@ def _kept_clear(
 
 
 @dataclass(frozen=True)
+class _Goal:
+    """What a case is to conceal: effects by `names`, or a `law` outside the catalogue; share: as in
+    `draw`."""
+
+    names: list[str]
+    law: str | None
+    share: float | None
+
+
+@dataclass(frozen=True)
 class _Concealed:
-    """What a case conceals, and its noise; hidden: a law outside the catalogue, `outside` its entry
-    in the truth; noise_V (M,): sd; the others as of `Case`."""
+    """The concealed effects of a case, and its noise; hidden: a law outside the catalogue,
+    `outside` its entry in the truth; noise_V (M,): sd; the other fields as in `Case`."""
 
     effects: list[dict]
     scopes: list[str]
@@ -409,50 +423,61 @@ def _concealed(
     rng: np.random.Generator,
     bench: _Bench,
     shown: _Shown,
-    names: list[str],
-    law: str | None,
+    goal: _Goal,
     levels: tuple[float, float],
     floor: float,
-    share: float | None,
 ) -> _Concealed:
-    """Named effects, or a law outside the catalogue, with strengths that show; levels: of the
-    noise, from and to, `floor` the least after all; share: as of `draw`."""
+    """The effects, or the law outside the catalogue, with their strengths; levels: the range of
+    the noise; floor: its least after a reduction."""
+    names, law, share = goal.names, goal.law, goal.share
     plain = shown.readings([])
     level = max(log_uniform(rng, *levels), floor)
     mixed = rng.uniform(0.2, 0.8) if rng.uniform() < 0.3 else 0.0
     scene = bench.scene(plain[0])
-    drawn = [_drawn(name, rng, scene) for name in names]
-    # Where a wire is off or on another electrode, the noise is that of what the board then reads.
-    read = shown.readings([one.at(0.0) for one in drawn if one.unit is None])
+    strength_list = [_drawn(name, rng, scene) for name in names]
+    # With a wire off or on another electrode, the noise is that of the readings with this effect.
+    board_readings = shown.readings(
+        [strength.law_at(0.0) for strength in strength_list if strength.unit is None]
+    )
     median = float(np.median(np.abs(plain[0])))
-    noise = level * ((1.0 - mixed) * median + mixed * np.abs(read[0]))
+    noise = level * ((1.0 - mixed) * median + mixed * np.abs(board_readings[0]))
     hidden = None if law is None else _outside(rng, law, bench, plain[0])
-    makers = _makers(drawn, law, hidden, share)
+    makers = _makers(strength_list, law, hidden, share)
     band = OUTSIDE_SNR if law else SINGLE_SNR if len(names) < 2 else SET_SNR
     low, high = np.log(band)
-    wanted = np.exp(rng.uniform(low, high, len(makers)))
+    target_snr = np.exp(rng.uniform(low, high, len(makers)))
     if share is not None:
-        wanted[:] = BEYOND
-    found = _strengths(shown, makers, wanted, noise)
-    shares = (snr / want for (_, snr), want in zip(found, wanted, strict=True))
-    lack = min(shares, default=1)
-    if lack < 0.9 and share is None:
-        # What is physical is too weak in this noise: there is less of it then.
-        quieter = max(lack, floor / level)
+        target_snr[:] = UNREACHABLE_SNR
+    amounts_and_snr = _strengths(shown, makers, target_snr, noise)
+    shares = (snr / want for (_, snr), want in zip(amounts_and_snr, target_snr, strict=True))
+    largest_shortfall = min(shares, default=1)
+    if largest_shortfall < 0.9 and share is None:
+        # The largest physical strength is too weak in this noise, so that the noise is reduced.
+        quieter = max(largest_shortfall, floor / level)
         level, noise = level * quieter, noise * quieter
-        found = _strengths(shown, makers, wanted, noise)
-    amounts = iter(found)
-    effects, snr, other = [], [], None
-    for one in drawn:
-        fixed = one.unit is None
-        a, reached = (0.0, shown.snr(one.at(0.0), noise)) if fixed else next(amounts)
-        effects.append(one.at(a))
-        snr.append(reached)
+        amounts_and_snr = _strengths(shown, makers, target_snr, noise)
+    amounts = iter(amounts_and_snr)
+    effects, snr, outside_entry = [], [], None
+    for strength in strength_list:
+        fixed = strength.unit is None
+        amount, snr_reached = (
+            (0.0, shown.snr(strength.law_at(0.0), noise)) if fixed else next(amounts)
+        )
+        effects.append(strength.law_at(amount))
+        snr.append(snr_reached)
     if hidden is not None:
-        a, reached = next(amounts)
-        hidden = replace(hidden, amount=a)
-        other = {"law": law, "parameters": hidden.parameters(), "snr": reached}
-    return _Concealed(effects, [one.scope for one in drawn], snr, hidden, other, level, noise)
+        amount, snr_reached = next(amounts)
+        hidden = replace(hidden, amount=amount)
+        outside_entry = {"law": law, "parameters": hidden.parameters(), "snr": snr_reached}
+    return _Concealed(
+        effects,
+        [strength.scope for strength in strength_list],
+        snr,
+        hidden,
+        outside_entry,
+        level,
+        noise,
+    )
 
 
 def _makers(
@@ -461,35 +486,39 @@ def _makers(
     hidden: outside.Outside | None,
     share: float | None,
 ) -> list[Maker]:
-    """(at, unit, most) of each effect that has a strength, or of the law outside the catalogue."""
+    """The makers of all effects with a strength, or of the law outside the catalogue."""
     makers: list[Maker] = [
-        (one.at, one.unit, one.most)
-        for one in drawn
-        if one.unit is not None and one.most is not None
+        (strength.law_at, strength.unit, strength.max_strength)
+        for strength in drawn
+        if strength.unit is not None and strength.max_strength is not None
     ]
     if hidden is not None:
-        unit = None if law in outside.OUTSIDE_SOLID else 0.1 * hidden.most
+        unit = None if law in outside.OUTSIDE_SOLID else 0.1 * hidden.max_amount
         makers = [(lambda a: replace(hidden, amount=a), unit, hidden.amount)]
     if share is None:
         return makers
     if law in outside.OUTSIDE_SOLID:
         raise InputError("case", "share", f"{share:g}", f"none with {law}: its strength is drawn")
     return [
-        (at, min(unit, share * most), share * most) for at, unit, most in makers if unit is not None
+        (law_at, min(unit, share * max_amount), share * max_amount)
+        for law_at, unit, max_amount in makers
+        if unit is not None
     ]
 
 
-def _noiseless(bench: _Bench, shown: _Shown, made: _Concealed, generator: str) -> Case:
-    """The case before a rig records it, noise-free, its kind and seed not told yet."""
-    effects, world, states = made.effects, shown.world, bench.states
-    clean = shown.readings(effects, made.hidden)
-    given = list(made.snr)
+def _noiseless(bench: _Bench, shown: _Shown, concealed: _Concealed, generator: str) -> Case:
+    """The case before its recording by a rig: noise-free, without kind and seed."""
+    effects, world, states = concealed.effects, shown.world, bench.states
+    clean = shown.readings(effects, concealed.hidden)
+    snr_given_others = list(concealed.snr)
     if len(effects) > 1:
-        rest = [[e for e in effects if e is not one] for one in effects]
-        given = [signature(clean, shown.readings(r), made.noise_V) for r in rest]
+        reduced_sets = [[e for e in effects if e is not law] for law in effects]
+        snr_given_others = [
+            signature(clean, shown.readings(r), concealed.noise_V) for r in reduced_sets
+        ]
     if generator != world.generator.name:
         world = bench.world(generator)
-        clean = world.readings(states, effects, made.hidden)
+        clean = world.readings(states, effects, concealed.hidden)
     largest = float(states["force_N"].max())
     metadata = owners_metadata(bench.channels, bench.frame_s, bench.believed)
     metadata["source_reference"] = "sink-grounded" if bench.grounded else "floating"
@@ -499,18 +528,18 @@ def _noiseless(bench: _Bench, shown: _Shown, made: _Concealed, generator: str) -
         believed=bench.believed,
         true=bench.true,
         effects=effects,
-        scopes=made.scopes,
-        snr=made.snr,
-        snr_given_others=given,
-        outside=made.outside,
+        scopes=concealed.scopes,
+        snr=concealed.snr,
+        snr_given_others=snr_given_others,
+        outside=concealed.outside,
         metadata=metadata,
         states=states,
         clean=clean,
         voltage=clean,
-        noise_V=made.noise_V,
-        level=made.level,
+        noise_V=concealed.noise_V,
+        level=concealed.level,
         query=bench.query,
-        query_clean=world.readings(bench.query, effects, made.hidden, largest),
+        query_clean=world.readings(bench.query, effects, concealed.hidden, largest),
         world=world,
         rig=(),
         true_states=states,
@@ -518,10 +547,10 @@ def _noiseless(bench: _Bench, shown: _Shown, made: _Concealed, generator: str) -
 
 
 def again(case: Case, rig: str, number: int) -> Case:
-    """The same skin and frames, recorded once more at the same level of noise.
+    """The same skin and frames, recorded again at the same level of noise.
 
-    rig: what follows + in a kind, or nothing; its sizes, and the noise, are drawn anew for every
-    `number`. Raises InputError for a case that a rig with errors recorded, or an unknown rig.
+    rig: the part of a kind after +, or empty; its sizes and the noise are drawn for every `number`.
+    Raises InputError for a case recorded by a rig with errors, or an unknown rig.
     """
     if case.rig:
         raise InputError("case", "kind", repr(case.kind), "one without +rig")
@@ -531,7 +560,7 @@ def again(case: Case, rig: str, number: int) -> Case:
 
 
 def _recorded(case: Case, errors: tuple[RigError, ...], rng: np.random.Generator) -> Case:
-    """A case as a rig with errors records its noise-free readings, the noise drawn."""
+    """A case with its noise-free readings recorded by a rig with errors and random noise."""
     metadata, clean, query_clean = case.metadata, case.clean, case.query_clean
     if rig_errors.magnitudes(errors):
         metadata = {**metadata, "voltage": "magnitude"}
@@ -548,11 +577,11 @@ def _recorded(case: Case, errors: tuple[RigError, ...], rng: np.random.Generator
 
 
 def _rig_errors(rig: str, rng: np.random.Generator) -> tuple[RigError, ...]:
-    """What follows + in a kind: none, errors drawn, or those named; raises InputError."""
+    """The errors after + in a kind: none, random ones, or those named; raises InputError."""
     if not rig:
         return ()
-    word, _, named = rig.partition(":")
-    kinds = named.split(",") if named else None
+    word, _, kind_list = rig.partition(":")
+    kinds = kind_list.split(",") if kind_list else None
     if word != "rig" or (kinds and not set(kinds) <= set(USUAL)):
         expected = f"rig, or rig: and some of {', '.join(USUAL)}"
         raise InputError("case", "kind", repr(f"+{rig}"), expected)
@@ -560,16 +589,18 @@ def _rig_errors(rig: str, rng: np.random.Generator) -> tuple[RigError, ...]:
 
 
 def _strengths(
-    shown: _Shown, makers: list[Maker], wanted: np.ndarray, noise_V: np.ndarray
+    shown: _Shown, makers: list[Maker], target_snr: np.ndarray, noise_V: np.ndarray
 ) -> list[tuple[float, float]]:
-    """Strength and SNR of each maker (at, unit, most), as `scaled`; without a unit, of `most`."""
+    """Strength and SNR of each maker by `scaled`; without a unit those of the largest amount."""
 
-    def show(at: Callable[[float], dict | outside.Outside], a: float) -> float:
-        return shown.snr(at(a), noise_V)
+    def show(law_at: Callable[[float], dict | outside.Outside], amount: float) -> float:
+        return shown.snr(law_at(amount), noise_V)
 
     return [
-        (most, show(at, most)) if unit is None else scaled(partial(show, at), unit, most, want)
-        for (at, unit, most), want in zip(makers, wanted, strict=True)
+        (max_amount, show(law_at, max_amount))
+        if unit is None
+        else scaled(partial(show, law_at), unit, max_amount, target)
+        for (law_at, unit, max_amount), target in zip(makers, target_snr, strict=True)
     ]
 
 
@@ -581,14 +612,14 @@ def _outside(
     end, radius = float(states["time_s"].iloc[-1]), bench.skin.radius_mm
     assert radius is not None
     scene = outside.Scene(N_ELECTRODES, presses, end, radius, bench.free, untouched_V)
-    drawn = LAWS[law].draw(rng, scene)
-    if isinstance(drawn, outside.Palm):
-        drawn = replace(drawn, radius_mm=round(float(rng.uniform(4.0, 8.0)), 2))
-    return drawn
+    law_drawn = LAWS[law].draw(rng, scene)
+    if isinstance(law_drawn, outside.Palm):
+        law_drawn = replace(law_drawn, radius_mm=round(float(rng.uniform(4.0, 8.0)), 2))
+    return law_drawn
 
 
 def write(case: Case, folder: str | Path) -> None:
-    """recording.parquet, query.parquet and truth.json in a folder.
+    """Write recording.parquet, query.parquet and truth.json into a folder.
 
     truth.json: {kind, seed, effects, scopes, snr, snr_given_others, outside, rig, true (the skin),
     noise_V (M), level, query_voltage_V (Q x M, noise-free)}.
@@ -596,8 +627,8 @@ def write(case: Case, folder: str | Path) -> None:
     folder = Path(folder)
     parts = {"recording": (case.states, case.voltage), "query": (case.query, None)}
     for name, (frames, voltage) in parts.items():
-        made = recording.Recording(frames, voltage, None, None, case.metadata)
-        recording.write(made, folder / f"{name}.parquet")
+        recorded = recording.Recording(frames, voltage, None, None, case.metadata)
+        recording.write(recorded, folder / f"{name}.parquet")
     truth = {
         "kind": case.kind,
         "seed": case.seed,

@@ -13,16 +13,16 @@ import numpy as np
 from witness.arc import panel_nodes
 from witness.medium import Medium, Plane
 
-PANEL_MODES = 40
-PANEL_NODES = 8
-SHORTEST = 1e-3  # panel towards a crossing, in radians
+PANEL_MODES = 40  # waves that panels resolve
+PANEL_NODES = 8  # Gauss nodes of a panel
+SHORTEST = 1e-3  # panel towards a crossing, in radians: shorter ones change nothing visible
 Places = TypeVar("Places", np.ndarray, complex)
 
 
 @dataclass(frozen=True)
 class Shape:
-    """What the skin looks like: harmonics of its rim {k: complex amplitude exp(i phase)}, the
-    conductivity's direction (ratio, deg) and tilt (relative_across, deg)."""
+    """The shape of a skin: harmonics of its rim {k: complex amplitude exp(i phase)}, the
+    conductivity's anisotropy (ratio, deg) and its complex tilt."""
 
     radius_mm: float
     harmonics: dict[int, complex] = field(default_factory=dict)
@@ -30,7 +30,7 @@ class Shape:
     tilt: complex = 0.0
 
     def rim(self, phi: np.ndarray, derivative: int = 0) -> np.ndarray:
-        """Physical rim over the radius, or a derivative (1 or 2) by phi."""
+        """The physical rim over the radius, or its derivative (1 or 2) by phi."""
         r = [np.ones(phi.shape), np.zeros(phi.shape), np.zeros(phi.shape)]
         for k, amplitude in self.harmonics.items():
             wave = np.conj(amplitude) * np.exp(1j * k * phi)
@@ -43,7 +43,7 @@ class Shape:
         return (r[2] + 2j * r[1] - r[0]) * turn
 
     def unfold(self, z: Places) -> Places:
-        """Places, or directions, in coordinates in which the conductivity has none."""
+        """Places, or directions, in coordinates in which the conductivity is isotropic."""
         ratio, angle = self.anisotropy
         if ratio == 1.0:
             return z
@@ -52,7 +52,7 @@ class Shape:
         return turn * (local.real * ratio**-0.25 + 1j * local.imag * ratio**0.25)
 
     def slope(self) -> complex:
-        """Gradient of the relative conductivity in unfolded places."""
+        """The gradient of the relative conductivity in unfolded coordinates."""
         ratio, angle = self.anisotropy
         return complex(Shape(1.0, anisotropy=(1.0 / ratio, angle)).unfold(0.5 * self.tilt))
 
@@ -73,16 +73,16 @@ class Edge:
 
     @property
     def even(self) -> bool:
-        """Whether the nodes are even in angle."""
+        """Whether the nodes are equidistant in angle."""
         return bool(np.ptp(self.span) < 1e-12)
 
     @property
     def modes(self) -> int:
-        """Waves round the curve that the nodes resolve."""
+        """The number of waves round the curve that the nodes resolve."""
         return len(self.place) // 2 - 1 if self.even else PANEL_MODES
 
     @classmethod
-    def of(
+    def from_curve(
         cls,
         shape: Shape,
         z: np.ndarray,
@@ -91,7 +91,7 @@ class Edge:
         angle: np.ndarray,
         span: np.ndarray,
     ) -> "Edge":
-        """From a physical curve and its two derivatives by the angle."""
+        """The edge of a physical curve, from its two derivatives by the angle."""
         z, dz, ddz = (shape.unfold(part) for part in (z, dz, ddz))
         speed = np.abs(dz)
         curvature = (np.conj(dz) * ddz).imag / speed**3
@@ -102,7 +102,7 @@ def rim_edge(shape: Shape, count: int) -> Edge:
     """`count` even nodes of the rim."""
     phi = 2.0 * np.pi * np.arange(count) / count
     z, dz, ddz = (shape.rim(phi, derivative) for derivative in range(3))
-    return Edge.of(shape, z, dz, ddz, phi, np.full(count, 2.0 * np.pi / count))
+    return Edge.from_curve(shape, z, dz, ddz, phi, np.full(count, 2.0 * np.pi / count))
 
 
 def disc_edge(
@@ -110,62 +110,68 @@ def disc_edge(
 ) -> Edge:
     """Nodes at `angle` of a physical circle."""
     turn = np.exp(1j * angle)
-    return Edge.of(shape, centre + radius * turn, 1j * radius * turn, -radius * turn, angle, span)
+    return Edge.from_curve(
+        shape, centre + radius * turn, 1j * radius * turn, -radius * turn, angle, span
+    )
 
 
 def close_angles(
-    centre: complex, radius: float, others: list[tuple[complex, float]], to_rim: float
+    centre: complex, radius: float, circles: list[tuple[complex, float]], to_rim: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Angles and their weights on a circle that others (centre, radius) meet or come near.
+    """Angles and their weights on a circle that other circles (centre, radius) cross or approach.
 
-    Gauss panels from crossing to crossing, halved until none is longer than its distance from
-    the other circles and from the rim; at a crossing down to SHORTEST.
+    Gauss panels between crossings, halved until none is longer than its distance from the other
+    circles and from the rim; at a crossing down to SHORTEST.
     """
     ends = [*np.linspace(0.0, 2.0 * np.pi, 9)]
-    for other, size in others:
-        apart = abs(other - centre)
-        if abs(radius - size) < apart < radius + size:
-            half = np.arccos((apart**2 + radius**2 - size**2) / (2.0 * apart * radius))
-            ends += [(np.angle(other - centre) + s * half) % (2.0 * np.pi) for s in (-1, 1)]
+    for circle_centre, size in circles:
+        centre_distance = abs(circle_centre - centre)
+        if abs(radius - size) < centre_distance < radius + size:
+            half = np.arccos(
+                (centre_distance**2 + radius**2 - size**2) / (2.0 * centre_distance * radius)
+            )
+            ends += [(np.angle(circle_centre - centre) + s * half) % (2.0 * np.pi) for s in (-1, 1)]
     pending = list(pairwise(sorted(set(ends))))
-    done = []
+    panels = []
     while pending:
         a, b = pending.pop()
-        at = centre + radius * np.exp(1j * np.linspace(a, b, 5))
-        far = min(np.abs(np.abs(at - other) - size).min() for other, size in others)
-        if b - a > SHORTEST and radius * (b - a) > min(far, 2.0 * to_rim):
+        points = centre + radius * np.exp(1j * np.linspace(a, b, 5))
+        circle_distance = min(
+            np.abs(np.abs(points - circle_centre) - size).min() for circle_centre, size in circles
+        )
+        if b - a > SHORTEST and radius * (b - a) > min(circle_distance, 2.0 * to_rim):
             pending += [(a, 0.5 * (a + b)), (0.5 * (a + b), b)]
         else:
-            done.append((a, b))
-    done.sort()
-    angle, span = panel_nodes(np.array([done[0][0], *[b for _, b in done]]), PANEL_NODES)
+            panels.append((a, b))
+    panels.sort()
+    angle, span = panel_nodes(np.array([panels[0][0], *[b for _, b in panels]]), PANEL_NODES)
     return angle.ravel(), span.ravel()
 
 
 def wave_log(a: np.ndarray, b: np.ndarray, modes: int) -> np.ndarray:
     """-log(4 sin^2((a - b) / 2)) / 2 up to `modes`: sum of cos k (a - b) / k."""
     k = np.arange(1, modes + 1)
-    first, second = np.outer(a, k), np.outer(b, k)
-    return (np.cos(first) / k) @ np.cos(second).T + (np.sin(first) / k) @ np.sin(second).T
+    phase_a, phase_b = np.outer(a, k), np.outer(b, k)
+    return (np.cos(phase_a) / k) @ np.cos(phase_b).T + (np.sin(phase_a) / k) @ np.sin(phase_b).T
 
 
 def same_curve_log(
-    x: np.ndarray, at: np.ndarray, speed: np.ndarray, edge: Edge, modes: int
+    x: np.ndarray, angle: np.ndarray, speed: np.ndarray, edge: Edge, modes: int
 ) -> np.ndarray:
     """-log|x - y| / 2 pi for x on the curve of `edge` at angles `at`, exact against smooth
     densities at its nodes."""
-    chord = np.abs(2.0 * np.sin(0.5 * (at[:, None] - edge.angle)))
-    apart = np.abs(x[:, None] - edge.place)
-    near = chord < 1e-7
-    ratio = np.where(near, speed[:, None], apart / np.where(near, 1.0, chord))
-    return (wave_log(at, edge.angle, modes) - np.log(ratio)) / (2.0 * np.pi)
+    chord = np.abs(2.0 * np.sin(0.5 * (angle[:, None] - edge.angle)))
+    distance = np.abs(x[:, None] - edge.place)
+    coincident = chord < 1e-7
+    ratio = np.where(coincident, speed[:, None], distance / np.where(coincident, 1.0, chord))
+    return (wave_log(angle, edge.angle, modes) - np.log(ratio)) / (2.0 * np.pi)
 
 
 def same_curve_normal(edge: Edge) -> np.ndarray:
     """Normal derivative at the nodes of the log kernel from the nodes; on it, -curvature / 4 pi."""
-    apart = edge.place[:, None] - edge.place
-    np.fill_diagonal(apart, 1.0)
-    value = -(edge.normal[:, None] / apart).real / (2.0 * np.pi)
+    difference = edge.place[:, None] - edge.place
+    np.fill_diagonal(difference, 1.0)
+    value = -(edge.normal[:, None] / difference).real / (2.0 * np.pi)
     np.fill_diagonal(value, -edge.curvature / (4.0 * np.pi))
     return value
 
@@ -176,7 +182,7 @@ def own_flux(medium: Medium, edge: Edge) -> np.ndarray:
     if isinstance(medium, Plane):
         return value
     speed = edge.weight / edge.span
-    own = same_curve_log(edge.place, edge.angle, speed, edge, edge.modes)
-    own = own + medium.rest(edge.place, edge.place)
+    self_potential = same_curve_log(edge.place, edge.angle, speed, edge, edge.modes)
+    self_potential = self_potential + medium.smooth(edge.place, edge.place)
     bend = medium.bend(edge.place, edge.normal)[:, None]
-    return value + medium.normal_rest(edge.place, edge.normal, edge.place) - bend * own
+    return value + medium.normal_smooth(edge.place, edge.normal, edge.place) - bend * self_potential

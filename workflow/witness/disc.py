@@ -1,13 +1,13 @@
-"""The complete electrode model of a round sheet in closed form but for the currents themselves.
+"""The complete electrode model of a round sheet, in closed form except for the currents.
 
 The rim's potential for a current density q is the disc's Fourier series, -log|2 sin| / pi. A round
-inclusion is concentric in the disc that a Moebius map turns the skin into, and adds to the series
+inclusion is made concentric by a Moebius map and adds to the series
 
     sum 2 b_m / ((1 - b_m) m pi) cos m (phi - phi'),    b_m = -c / (c + 2) rho^2m,
 
-phi the mapped rim's angle, rho the inclusion's radius there, c its contrast. Under an electrode
-zeta q + u = U stands on nodes crowded towards its ends, where q has logarithms; the kernel's own is
-integrated exactly (Kress 1990; Somersalo, Cheney, Isaacson 1992).
+phi the mapped rim's angle, rho the mapped inclusion's radius, c its contrast. Under an electrode
+zeta q + u = U is solved on nodes graded towards its ends, where q has logarithms; the logarithm of
+the kernel is integrated exactly (Kress 1990; Somersalo, Cheney, Isaacson 1992).
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ FADED = 39.0  # the series ends where rho^2m < exp(-FADED)
 
 @dataclass(frozen=True)
 class Nodes:
-    """count nodes of an electrode; power: how they crowd towards its ends."""
+    """The number of an electrode's nodes, and the power of their grading towards its ends."""
 
     count: int = 48
     power: int = 4
@@ -42,29 +42,29 @@ class Nodes:
         return s, np.pi * v**p / total, np.pi * rising
 
     def logarithm(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """t = cos w at the nodes, weights |dt|, and (count, count) the integrals of
-        -log|t - t'| times what stands at t'."""
+        """t = cos w at the nodes, weights |dt|, and the quadrature (count, count) of
+        -log|t - t'| f(t')."""
         s, w, rise = self.grade()
         n = self.count
         # Even about 0: nodes -s carry the same values, and both are summed.
-        both, other = np.append(s, -s), np.append(w, -w)
+        mirrored_s, mirrored_w = np.append(s, -s), np.append(w, -w)
         steep = np.append(rise, rise)
         m = np.arange(1, n)
-        lag = s[:, None] - both
+        lag = s[:, None] - mirrored_s
         exact = -(2.0 * np.pi / n) * (np.cos(lag[..., None] * m) / m).sum(axis=-1)
         exact -= np.pi / n**2 * np.cos(n * lag)
         chord = np.sin(0.5 * lag)
-        near = np.abs(chord) < 1e-14
-        ratio = np.sin(0.5 * (w[:, None] - other)) / np.where(near, 1.0, chord)
-        ratio = np.where(near, steep, np.abs(ratio))
+        coincident = np.abs(chord) < 1e-14
+        ratio = np.sin(0.5 * (w[:, None] - mirrored_w)) / np.where(coincident, 1.0, chord)
+        ratio = np.where(coincident, steep, np.abs(ratio))
         kernel = 0.5 * exact + (np.pi / n) * np.log(ratio)
         kernel = kernel[:, :n] + kernel[:, n:] - (np.pi / n) * np.log(2.0)
         return np.cos(w), np.sin(w) * rise * np.pi / n, -kernel * np.sin(w) * rise
 
 
 class Body:
-    """As `boundary.Body`, of a round sheet. Raises ValueError for another rim or a conductivity
-    with direction or tilt."""
+    """`boundary.Body` of a round sheet. Raises ValueError for another rim or a conductivity with
+    direction or tilt."""
 
     def __init__(
         self, shape: Shape, deg: np.ndarray, width_mm: np.ndarray, nodes: Nodes | None = None
@@ -72,7 +72,7 @@ class Body:
         if any(shape.harmonics.values()) or shape.anisotropy[0] != 1.0 or shape.tilt:
             raise ValueError("the series needs a round rim and a conductivity without direction")
         self.radius_mm, self.n = shape.radius_mm, len(deg)
-        t, weight, own = (nodes or Nodes()).logarithm()
+        t, weight, segment_log = (nodes or Nodes()).logarithm()
         half = np.asarray(width_mm, float) / (2.0 * shape.radius_mm)
         theta = np.radians(deg)[:, None] + half[:, None] * t
         self.angle, self.weight = theta.ravel(), (half[:, None] * weight).ravel()
@@ -80,13 +80,15 @@ class Body:
         lag = theta.ravel()[:, None] - theta.ravel()
         chord = np.abs(2.0 * np.sin(0.5 * lag))
         np.fill_diagonal(chord, 1.0)
-        self.among = -np.log(chord) * self.weight / np.pi
+        self.mutual = -np.log(chord) * self.weight / np.pi
         for i in range(self.n):
-            mine = slice(i * size, (i + 1) * size)
-            away = 0.5 * half[i] * (t[:, None] - t)
-            bent = -np.log(2.0 * half[i] * 0.5 * np.sinc(away / np.pi)) * self.weight[mine]
-            self.among[mine, mine] = (half[i] * own + bent) / np.pi
-        self.on = np.repeat(np.eye(self.n), size, axis=0)
+            columns = slice(i * size, (i + 1) * size)
+            half_distance = 0.5 * half[i] * (t[:, None] - t)
+            curved_log = (
+                -np.log(2.0 * half[i] * 0.5 * np.sinc(half_distance / np.pi)) * self.weight[columns]
+            )
+            self.mutual[columns, columns] = (half[i] * segment_log + curved_log) / np.pi
+        self.membership = np.repeat(np.eye(self.n), size, axis=0)
 
     def contact(self, length: np.ndarray) -> "Contact":
         """The contacts closed: length (n,) = z sigma, in radii."""
@@ -98,17 +100,17 @@ class Body:
 
 
 class Contact:
-    """The electrodes' equations factored, and the current densities for their potentials."""
+    """The factored equations of the electrodes, and the current densities for their potentials."""
 
     def __init__(self, body: Body, length: np.ndarray):
-        matrix = body.among.copy()
-        matrix[np.diag_indices(len(matrix))] += body.on @ length
+        matrix = body.mutual.copy()
+        matrix[np.diag_indices(len(matrix))] += body.membership @ length
         self.factored = lu_factor(matrix)
-        self.density = lu_solve(self.factored, body.on)
+        self.density = lu_solve(self.factored, body.membership)
 
 
 class Place:
-    """An inclusion at a definite place."""
+    """An inclusion at a given place."""
 
     def __init__(self, body: Body, discs: tuple[Disc, ...]):
         if len(discs) > 1:
@@ -118,25 +120,31 @@ class Place:
         for disc in discs:
             centre = complex(disc.x_mm, disc.y_mm) / body.radius_mm
             radius = disc.radius_mm / body.radius_mm
-            out = abs(centre) + radius - 1.0
-            if out >= 0:
-                raise ValueError(f"inclusion 0 leaves the skin by {out * body.radius_mm:g} mm")
+            excess = abs(centre) + radius - 1.0
+            if excess >= 0:
+                raise ValueError(f"inclusion 0 leaves the skin by {excess * body.radius_mm:g} mm")
             pole, self.rho = concentric(abs(centre), radius)
             z = np.exp(1j * (body.angle - np.angle(centre)))
             phi = np.angle((z - pole) / (1.0 - pole * z))
             m = np.arange(1, 1 + int(np.ceil(FADED / (-2.0 * np.log(self.rho)))))
             self.order = np.tile(m, 2)
             self.waves = np.hstack([np.cos(np.outer(phi, m)), np.sin(np.outer(phi, m))])
-        self._latest: tuple | None = None
+        self._cached: tuple | None = None
 
-    def _met(self, contact: Contact) -> tuple[np.ndarray, ...]:
-        if self._latest is None or self._latest[0] is not contact:
-            on, weight = self.body.on.T * self.body.weight, self.body.weight[:, None]
+    def _untouched_system(self, contact: Contact) -> tuple[np.ndarray, ...]:
+        if self._cached is None or self._cached[0] is not contact:
+            electrode_weights = self.body.membership.T * self.body.weight
+            weight = self.body.weight[:, None]
             densities = lu_solve(contact.factored, self.waves)
-            seen = (self.waves * weight).T
-            parts = on @ contact.density, on @ densities, seen @ contact.density, seen @ densities
-            self._latest = contact, *parts
-        return self._latest[1:]
+            wave_weights = (self.waves * weight).T
+            parts = (
+                electrode_weights @ contact.density,
+                electrode_weights @ densities,
+                wave_weights @ contact.density,
+                wave_weights @ densities,
+            )
+            self._cached = contact, *parts
+        return self._cached[1:]
 
     def admittance(
         self, contact: Contact, contrast: Sequence[float], radial: Radial | None = None
@@ -145,19 +153,21 @@ class Place:
         sharp."""
         if radial is not None:
             raise ValueError("the series needs sharp touches")
-        current, given, felt, among = self._met(contact)
+        current, currents_from_waves, waves_from_currents, among = self._untouched_system(contact)
         if any(contrast):
             b = -contrast[0] / (contrast[0] + 2.0) * self.rho ** (2.0 * self.order)
             strength = 2.0 * b / ((1.0 - b) * self.order * np.pi)
             system = np.eye(len(strength)) + strength[:, None] * among
-            current = current - given @ np.linalg.solve(system, strength[:, None] * felt)
+            current = current - currents_from_waves @ np.linalg.solve(
+                system, strength[:, None] * waves_from_currents
+            )
         # All electrodes' potentials stand above a level at which their currents sum to zero.
         return current - np.outer(current.sum(axis=1), current.sum(axis=0)) / current.sum()
 
 
 def concentric(centre: float, radius: float) -> tuple[float, float]:
-    """Pole a of (z - a) / (1 - a z), which maps a disc about `centre` >= 0 in the unit disc to one
-    about 0, and that one's radius."""
+    """The pole a of (z - a) / (1 - a z), which maps a disc about `centre` >= 0 in the unit disc to
+    one about 0, and the radius of the latter."""
     low, high = centre - radius, centre + radius
     total, product = low + high, 1.0 + low * high
     pole = total / (product + np.sqrt(product**2 - total**2))

@@ -2,9 +2,9 @@
 
 -div(s grad u) = 0, z sigma s du/dn = U - u under an electrode, none elsewhere (Somersalo, Cheney,
 Isaacson 1992), s a tensor where the conductivity has a direction. Quartics on triangles with curved
-sides, small towards electrodes' ends and circles; scikit-fem assembles. A place is meshed anew with
-its circles as sides and factored once per contact; a contrast changes what its inside draws at its
-edge, a small dense system.
+sides, small towards electrodes' ends and circles, assembled by scikit-fem. Every place has its own
+mesh, with its circles as sides, factored once per contact; a contrast changes the Schur complement
+of its inside at its edge, a small dense system.
 """
 
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ class Fineness:
     order: int = 4
     end: float = 0.008
     rim: float = 0.12
-    most: float = 0.2
+    max_size: float = 0.2
     arc: float = 1.0
     circle: float = 0.26
     crossing: float = 0.02
@@ -53,17 +53,17 @@ _stiffness = BilinearForm(_conducted)
 
 
 def _trace(order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Gauss places and weights on 0 to 1, and (Q, order + 1) the shape functions of a side: its
-    two ends', then those between, in order."""
+    """Gauss places and weights on 0 to 1, and the shape functions (Q, order + 1) of a side: of its
+    two ends, then of the nodes between, in order."""
     node, weight = leggauss(order + 6)
     t = 0.5 * (1.0 + node)
-    at = np.concatenate([[0.0, 1.0], np.arange(1, order) / order])
-    values = np.vander(t, order + 1) @ np.linalg.inv(np.vander(at, order + 1))
+    node_places = np.concatenate([[0.0, 1.0], np.arange(1, order) / order])
+    values = np.vander(t, order + 1) @ np.linalg.inv(np.vander(node_places, order + 1))
     return t, 0.5 * weight, values
 
 
 class Domain:
-    """A meshed skin: sides of its curves, and the elements' matrices."""
+    """A meshed skin with the sides of its curves and the elements' matrices."""
 
     def __init__(self, mesh: Mesh, curves: list[Curve], shape: Shape, order: int):
         self.mesh, self.curves, self.shape, self.order = mesh, curves, shape, order
@@ -92,12 +92,12 @@ class Domain:
         return order[np.searchsorted(have[order], pairs[:, 0] * count + pairs[:, 1])]
 
     def matrix(self, form: BilinearForm, triangles: np.ndarray, **values: Any) -> csc_matrix:
-        """A form over some triangles."""
+        """The matrix of a form over some triangles."""
         basis = Basis(self.fem, self.element, intorder=2 * self.order, elements=triangles)
         return form.assemble(basis, **values).tocsc()
 
     def stiffness(self, triangles: np.ndarray) -> csc_matrix:
-        """Of the untouched skin's conductivity over some triangles."""
+        """The stiffness of the untouched skin over some triangles."""
         ratio, angle = self.shape.anisotropy
         turn = np.exp(2j * np.radians(angle))
         mean, half = 0.5 * (ratio**0.5 + ratio**-0.5), 0.5 * (ratio**0.5 - ratio**-0.5)
@@ -105,26 +105,29 @@ class Domain:
         return self.matrix(_stiffness, triangles, tensor=tensor, tilt=0.5 * self.shape.tilt)
 
     def side_dofs(self, curve: int) -> np.ndarray:
-        """(K, order + 1): of every side of a curve: lower end, higher end, between."""
+        """(K, order + 1): the degrees of freedom of every side of a curve: lower end, higher end,
+        between."""
         facets = self.sides[curve][0]
         ends = self.fem.facets[:, facets]
         return np.vstack([self.dofs.nodal_dofs[0, ends], self.dofs.facet_dofs[:, facets]]).T
 
-    def along(self, curve: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def quadrature(self, curve: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Gauss places (K, Q) complex on every side of a curve, weights (K, Q) in length, shape
         functions (Q, order + 1)."""
         facets, middle = self.sides[curve]
         t, weight, values = _trace(self.order)
-        first, last = (self.fem.p[0, e] + 1j * self.fem.p[1, e] for e in self.fem.facets[:, facets])
-        parts = np.column_stack([first, last, middle])
+        starts, stops = (
+            self.fem.p[0, e] + 1j * self.fem.p[1, e] for e in self.fem.facets[:, facets]
+        )
+        corner_places = np.column_stack([starts, stops, middle])
         shape = np.column_stack([(1 - t) * (1 - 2 * t), t * (2 * t - 1), 4 * t * (1 - t)])
         slope = np.column_stack([4 * t - 3, 4 * t - 1, 4 - 8 * t])
-        return parts @ shape.T, np.abs(parts @ slope.T) * weight, values
+        return corner_places @ shape.T, np.abs(corner_places @ slope.T) * weight, values
 
     def rim_part(self, sides: np.ndarray) -> tuple[csc_matrix, np.ndarray]:
         """Mass matrix and integrals of the shape functions over some sides of the rim."""
         dofs = self.side_dofs(0)[sides]
-        _, weight, values = self.along(0)
+        _, weight, values = self.quadrature(0)
         local = np.einsum("kq,qi,qj->kij", weight[sides], values, values)
         rows, columns = (np.broadcast_to(d, local.shape) for d in (dofs[:, :, None], dofs[:, None]))
         entries = (local.ravel(), (rows.ravel(), columns.ravel()))
@@ -135,41 +138,41 @@ class Domain:
 
 
 def factored(matrix: csc_matrix, order: str = "MMD_AT_PLUS_A") -> SuperLU:
-    """Of a symmetric matrix, definite or bordered; order: as `splu` names those of elimination."""
+    """The factors of a symmetric matrix, definite or bordered; order: `splu`'s of elimination."""
     options = {"SymmetricMode": True}
     return splu(matrix, permc_spec=order, diag_pivot_thresh=0.0, options=options)
 
 
 def condensed(matrix: csc_matrix, edge: np.ndarray, inner: np.ndarray) -> np.ndarray:
-    """(C, C): what a region draws at its edge's degrees of freedom, those inside eliminated."""
-    own = matrix[edge][:, edge].toarray()
+    """(C, C): the Schur complement of a region at its edge's degrees of freedom."""
+    edge_matrix = matrix[edge][:, edge].toarray()
     if not len(inner):
-        return own
+        return edge_matrix
     across = matrix[inner][:, edge].toarray()
-    return own - across.T @ factored(matrix[inner][:, inner].tocsc()).solve(across)
+    return edge_matrix - across.T @ factored(matrix[inner][:, inner].tocsc()).solve(across)
 
 
 def units(size: int, dofs: np.ndarray) -> csc_matrix:
-    """(size, len(dofs)): a unit at each of the degrees of freedom."""
+    """(size, len(dofs)): unit vectors of the degrees of freedom."""
     return csc_matrix((np.ones(len(dofs)), (dofs, np.arange(len(dofs)))), (size, len(dofs)))
 
 
 def seen_from(matrix: csc_matrix, ends: csc_matrix) -> np.ndarray:
     """(E, E): ends' A^-1 ends of a symmetric definite matrix A (N, N), for independent ends (N, E).
 
-    What elimination leaves of A bordered by its ends is minus that (Schur's complement): several
-    times sooner than solving for each, and no field of any is kept.
+    It is minus the Schur complement of A bordered by its ends, which is several times faster than
+    solving for each and stores no fields.
     """
     size = ends.shape[0]
     order = np.argsort(factored(matrix).perm_c)
     bordered = bmat([[matrix[order][:, order], ends[order]], [ends.T[:, order], None]], "csc")
-    # The symmetric mode keeps the order that it is given, borders last.
-    left = factored(bordered, "NATURAL")
-    return -left.L[size:, size:].toarray() @ left.U[size:, size:].toarray()
+    # The symmetric mode keeps this order, borders last.
+    factors = factored(bordered, "NATURAL")
+    return -factors.L[size:, size:].toarray() @ factors.U[size:, size:].toarray()
 
 
 class Body:
-    """As `boundary.Body`: a sheet, its contacts still open."""
+    """`boundary.Body` of a sheet: a skin whose contacts are still open."""
 
     def __init__(
         self,
@@ -182,17 +185,23 @@ class Body:
         self.shape, self.n, self.fineness = shape, len(deg), fineness or Fineness()
         half = np.asarray(width_mm, float) / (2.0 * shape.radius_mm)
         centre = np.radians(deg)
-        self.first, self.last = centre - half, centre + half
-        ends = np.concatenate([self.first, self.last])
+        self.starts, self.stops = centre - half, centre + half
+        ends = np.concatenate([self.starts, self.stops])
         self.rim = Curve(shape.rim, lambda phi: np.abs(shape.rim(phi, 1)), ends)
         fine = self.fineness
-        even = 2.0 * np.pi * np.arange(256) / 256
-        under = (centre[:, None] + half[:, None] * np.linspace(-0.9, 0.9, 7)).ravel()
-        at = np.concatenate([shape.rim(ends), shape.rim(even), shape.rim(under)])
+        rim_angles = 2.0 * np.pi * np.arange(256) / 256
+        electrode_angles = (centre[:, None] + half[:, None] * np.linspace(-0.9, 0.9, 7)).ravel()
+        points = np.concatenate(
+            [shape.rim(ends), shape.rim(rim_angles), shape.rim(electrode_angles)]
+        )
         # A side is a parabola: a rim of k lobes needs shorter ones.
         rim = fine.rim / max([1.0, *(0.5 * k for k, a in shape.harmonics.items() if a)])
-        near = [np.tile(fine.end * half, 2), np.full(len(even), rim), np.full(len(under), fine.arc)]
-        self.sizes = Sizes(at, np.concatenate(near), fine.most)
+        sides = [
+            np.tile(fine.end * half, 2),
+            np.full(len(rim_angles), rim),
+            np.full(len(electrode_angles), fine.arc),
+        ]
+        self.sizes = Sizes(points, np.concatenate(sides), fine.max_size)
         mesh = triangulate([self.rim], self.sizes)
         self.start = mesh.place[len(mesh.nodes[0]) :]
         self.empty = mesh
@@ -202,20 +211,20 @@ class Body:
         return np.array(length, float)
 
     def place(self, discs: Sequence[Disc]) -> "Place":
-        """Inclusions at definite places, whatever their contrasts. Raises ValueError where one
-        leaves the skin."""
+        """Inclusions at given places, for any contrasts. Raises ValueError where one leaves the
+        skin."""
         return Place(self, tuple(discs))
 
     def electrode_sides(self, angles: np.ndarray) -> list[np.ndarray]:
-        """Of every electrode the rim's sides on it, by the rim's angles (K + 1,)."""
+        """The rim's sides on every electrode, by the rim's angles (K + 1,)."""
         middle = 0.5 * (angles[1:] + angles[:-1])
-        centre, half = 0.5 * (self.first + self.last), 0.5 * (self.last - self.first)
-        away = np.angle(np.exp(1j * (middle[:, None] - centre)))
-        return [np.flatnonzero(np.abs(away[:, i]) < half[i]) for i in range(self.n)]
+        centre, half = 0.5 * (self.starts + self.stops), 0.5 * (self.stops - self.starts)
+        angle_difference = np.angle(np.exp(1j * (middle[:, None] - centre)))
+        return [np.flatnonzero(np.abs(angle_difference[:, i]) < half[i]) for i in range(self.n)]
 
 
 def circles(body: Body, discs: tuple[Disc, ...]) -> tuple[list[Curve], Sizes]:
-    """The discs' edges, and the sizes that they, their gaps and crossings want beside the body's.
+    """The discs' edges, and the sizes for them, their gaps and crossings beside the body's.
 
     Raises ValueError where one leaves the skin.
     """
@@ -223,7 +232,7 @@ def circles(body: Body, discs: tuple[Disc, ...]) -> tuple[list[Curve], Sizes]:
     rim = body.shape.rim(2.0 * np.pi * np.arange(2048) / 2048)
     round_discs = [(complex(d.x_mm, d.y_mm) / r, d.radius_mm / r) for d in discs]
     even = np.exp(2j * np.pi * np.arange(48) / 48)
-    curves, at, near = [], [], []
+    curves, point_list, side_list = [], [], []
     for k, (centre, radius) in enumerate(round_discs):
         to_rim = np.abs(centre - rim).min() - radius
         if to_rim <= 0:
@@ -231,24 +240,26 @@ def circles(body: Body, discs: tuple[Disc, ...]) -> tuple[list[Curve], Sizes]:
         fixed = []
         places = centre + radius * even
         gap = np.abs(places[:, None] - rim).min(axis=1)
-        for j, (other, size) in enumerate(round_discs):
-            apart = abs(other - centre)
+        for j, (centre_other, size) in enumerate(round_discs):
+            centre_distance = abs(centre_other - centre)
             if j == k:
                 continue
-            if abs(radius - size) < apart < radius + size:
-                turn = np.arccos((apart**2 + radius**2 - size**2) / (2.0 * apart * radius))
-                met = np.angle(other - centre) + np.array([-turn, turn])
+            if abs(radius - size) < centre_distance < radius + size:
+                turn = np.arccos(
+                    (centre_distance**2 + radius**2 - size**2) / (2.0 * centre_distance * radius)
+                )
+                met = np.angle(centre_other - centre) + np.array([-turn, turn])
                 fixed += met.tolist()
-                at.append(centre + radius * np.exp(1j * met))
-                near.append(np.full(2, fine.crossing * min(radius, size)))
-                # The sizes at the crossing, growing from it, see to the gap.
+                point_list.append(centre + radius * np.exp(1j * met))
+                side_list.append(np.full(2, fine.crossing * min(radius, size)))
+                # The sizes at the crossing, growing from it, resolve the gap.
             else:
-                gap = np.minimum(gap, np.abs(np.abs(places - other) - size))
-        at.append(places)
-        near.append(np.minimum(fine.circle * radius, fine.gap * gap))
+                gap = np.minimum(gap, np.abs(np.abs(places - centre_other) - size))
+        point_list.append(places)
+        side_list.append(np.minimum(fine.circle * radius, fine.gap * gap))
         curves.append(_circle(centre, radius, np.array(fixed or [0.0, np.pi])))
-    every_at = np.concatenate([body.sizes.at, *at])
-    return curves, Sizes(every_at, np.concatenate([body.sizes.near, *near]), fine.most)
+    every_at = np.concatenate([body.sizes.points, *point_list])
+    return curves, Sizes(every_at, np.concatenate([body.sizes.sides, *side_list]), fine.max_size)
 
 
 def _circle(centre: complex, radius: float, fixed: np.ndarray) -> Curve:
@@ -260,7 +271,7 @@ def _circle(centre: complex, radius: float, fixed: np.ndarray) -> Curve:
 
 
 class Place:
-    """Inclusions at definite places on a body; rim: the angles of the rim's nodes, if given."""
+    """Inclusions at given places on a body; rim: the angles of the rim's nodes, None as needed."""
 
     def __init__(self, body: Body, discs: tuple[Disc, ...], rim: np.ndarray | None = None):
         self.body, self.discs = body, discs
@@ -270,34 +281,36 @@ class Place:
             curves, sizes = circles(body, discs)
             mesh = triangulate([body.rim, *curves], sizes, body.start, rim)
         self.domain = Domain(mesh, [body.rim, *curves], body.shape, body.fineness.order)
-        self._latest: tuple | None = None
+        self._cached: tuple | None = None
 
     @cached_property
     def inside(self) -> np.ndarray:
         """(T, discs): whether a triangle is inside a disc."""
         centre = self.domain.mesh.place[self.domain.mesh.corners].mean(axis=1)
         r = self.body.shape.radius_mm
-        found = [np.abs(centre - complex(d.x_mm, d.y_mm) / r) < d.radius_mm / r for d in self.discs]
-        return np.array(found, bool).reshape(len(self.discs), len(centre)).T
+        is_inside = [
+            np.abs(centre - complex(d.x_mm, d.y_mm) / r) < d.radius_mm / r for d in self.discs
+        ]
+        return np.array(is_inside, bool).reshape(len(self.discs), len(centre)).T
 
     @cached_property
     def parts(self) -> tuple[csc_matrix, np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
-        """Stiffness of the untouched skin; the curves' degrees of freedom (C,); of every region
-        within discs: which discs (discs,), and what it draws at them (C, C)."""
+        """The stiffness of the untouched skin; the curves' degrees of freedom (C,); for every
+        region within discs, a mask of these (discs,) and its Schur complement (C, C)."""
         domain = self.domain
         labels, region = np.unique(self.inside, axis=0, return_inverse=True)
         region = region.ravel()
-        drawn, whole = [], csc_matrix((domain.size, domain.size))
+        drawn, stiffness = [], csc_matrix((domain.size, domain.size))
         curve_dofs = [domain.side_dofs(1 + k).ravel() for k in range(len(self.discs))]
         edge = np.unique(np.concatenate([*curve_dofs, np.zeros(0, int)]))
         for index, label in enumerate(labels):
             triangles = np.flatnonzero(region == index)
             matrix = domain.stiffness(triangles)
-            whole = whole + matrix
+            stiffness = stiffness + matrix
             if label.any():
                 mine = np.unique(domain.dofs.element_dofs[:, triangles])
                 drawn.append((label, condensed(matrix, edge, np.setdiff1d(mine, edge))))
-        return whole, edge, drawn
+        return stiffness, edge, drawn
 
     @cached_property
     def electrodes(self) -> list[tuple[csc_matrix, np.ndarray]]:
@@ -305,42 +318,42 @@ class Place:
         sides = self.body.electrode_sides(self.domain.mesh.angles[0])
         return [self.domain.rim_part(mine) for mine in sides]
 
-    def _met(self, contact: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Untouched admittance (n, n), potential at the curves for the electrodes' (C, n) and for
-        currents into the curves (C, C); of the latest contact kept."""
-        if self._latest is None or not np.array_equal(self._latest[0], contact):
-            whole, edge, _ = self.parts
+    def _untouched_system(self, contact: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The untouched admittance (n, n), the potential at the curves for the electrodes' (C, n)
+        and for currents into the curves (C, C); cached for the latest contact."""
+        if self._cached is None or not np.array_equal(self._cached[0], contact):
+            stiffness, edge, _ = self.parts
             loads = np.array([load for _, load in self.electrodes]).T / contact
             masses = (mass / z for (mass, _), z in zip(self.electrodes, contact, strict=True))
             ends = hstack([csc_matrix(loads), units(self.domain.size, edge)], "csc")
-            seen, n = seen_from(sum(masses, whole).tocsc(), ends), self.body.n
-            admittance = np.diag(loads.sum(axis=0)) - seen[:n, :n]
-            self._latest = contact, admittance, seen[n:, :n], seen[n:, n:]
-        return self._latest[1:]
+            end_response, n = seen_from(sum(masses, stiffness).tocsc(), ends), self.body.n
+            admittance = np.diag(loads.sum(axis=0)) - end_response[:n, :n]
+            self._cached = contact, admittance, end_response[n:, :n], end_response[n:, n:]
+        return self._cached[1:]
 
     def admittance(
         self, contact: np.ndarray, contrast: Sequence[float], radial: Radial | None = None
     ) -> np.ndarray:
-        """(n, n): as `boundary.Place.admittance`. Raises ValueError where a disc that is not
-        sharp is no circle to the conductivity or is crossed."""
-        untouched, felt, among = self._met(contact)
+        """(n, n): as `boundary.Place.admittance`. Raises ValueError for a disc that is not sharp,
+        where the conductivity has a direction or another disc crosses it."""
+        untouched, edge_potential, among = self._untouched_system(contact)
         _, edge, drawn = self.parts
-        more = np.zeros((len(edge), len(edge)))
-        for label, own in drawn:
+        added = np.zeros((len(edge), len(edge)))
+        for label, region_matrix in drawn:
             relative = np.prod(1.0 + np.asarray(contrast)[label])
             if radial is not None and label[0]:
-                more -= own
+                added -= region_matrix
             else:
-                more += (relative - 1.0) * own
+                added += (relative - 1.0) * region_matrix
         if radial is not None:
-            more += self._drawn(radial, contrast)
-        if not more.any():
+            added += self._radial_matrix(radial, contrast)
+        if not added.any():
             return untouched
-        change = np.linalg.solve(np.eye(len(edge)) + more @ among, more @ felt)
-        return untouched + felt.T @ change
+        change = np.linalg.solve(np.eye(len(edge)) + added @ among, added @ edge_potential)
+        return untouched + edge_potential.T @ change
 
-    def _drawn(self, radial: Radial, contrast: Sequence[float]) -> np.ndarray:
-        """(C, C): what the first disc draws at its edge, wave by wave."""
+    def _radial_matrix(self, radial: Radial, contrast: Sequence[float]) -> np.ndarray:
+        """(C, C): the admittance of the first disc at its edge, from its waves."""
         shape, disc, r = self.body.shape, self.discs[0], self.body.shape.radius_mm
         if shape.anisotropy[0] != 1.0 or shape.tilt:
             raise ValueError("round inclusions need a conductivity without direction or tilt")
@@ -348,15 +361,15 @@ class Place:
         if len(labels) > 1:
             raise ValueError("a round inclusion that another one meets")
         around = np.prod(1.0 + np.asarray(contrast)[1:][labels[0][1:]])
-        place, weight, values = self.domain.along(1)
+        place, weight, values = self.domain.quadrature(1)
         angle = np.angle(place - complex(disc.x_mm, disc.y_mm) / r)
         edge, dofs = self.parts[1], self.domain.side_dofs(1)
         count = min(len(radial.waves), dofs.shape[0] * self.domain.order // 2)
         k = np.arange(count)
         wave = np.exp(1j * k[:, None, None] * angle) * weight
-        seen = np.zeros((count, len(edge)), complex)
-        here = (slice(None), np.searchsorted(edge, dofs))
-        np.add.at(seen, here, wave @ values)  # type: ignore[arg-type]  # numpy's know no slice here
+        wave_loads = np.zeros((count, len(edge)), complex)
+        load_index = (slice(None), np.searchsorted(edge, dofs))
+        np.add.at(wave_loads, load_index, wave @ values)  # type: ignore[arg-type]  # numpy's know no slice here
         radius = disc.radius_mm / r
         share = radial.waves[:count] * r * np.where(k == 0, 0.5, 1.0) / (np.pi * radius)
-        return around * ((seen.conj().T * share) @ seen).real
+        return around * ((wave_loads.conj().T * share) @ wave_loads).real

@@ -1,4 +1,4 @@
-"""Who solves the skin: bodies with one interface (`boundary.Body`), and what each can do."""
+"""The solvers of a skin, with one interface (`boundary.Body`), and the laws that each supports."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ LAWS: dict[str, type[Outside]] = OUTSIDE | OUTSIDE_SOLID | UNSEEN  # outside the
 
 @dataclass(frozen=True)
 class Drawing:
-    """What a body is made of: as `boundary.Body` has it, and the depth."""
+    """The arguments of a body: those of `boundary.Body`, and the depth."""
 
     shape: Shape
     deg: np.ndarray
@@ -33,9 +33,9 @@ class Drawing:
 
 @dataclass(frozen=True)
 class Generator:
-    """body: makes one of its drawing; unable: the laws of `strengths.DRAWN`, `outside` and `unseen`
-    that it does not solve; least_level: the least noise, over the median |v|, that its cases may
-    have: three times its own error; solid: whether its depth is a `slab.Solid`, whatever the laws.
+    """A solver. body: makes a body of its drawing; unable: the laws of `strengths.DRAWN`, `outside`
+    and `unseen` that it cannot solve; least_level: the least noise of its cases, over the median
+    |v|, three times its numerical error; solid: whether its depth is always a `slab.Solid`.
     """
 
     name: str
@@ -45,41 +45,43 @@ class Generator:
     solid: bool = False
 
     def does(self, law: str) -> bool:
-        """Whether it solves a law's skin."""
+        """Whether it can solve a law."""
         return law in {*DRAWN, *LAWS} and law not in self.unable
 
     def can(self, kind: str) -> bool:
         """Whether `cases.draw` can draw a kind with it: null, pair, triple, single:<name> or
-        outside:<law>; in sets it draws what it does."""
+        outside:<law>."""
         word, _, name = kind.partition(":")
         if word in ("single", "outside"):
             return self.does(name)
         return kind in ("null", "pair", "triple")
 
 
-def _boundary(of: Drawing) -> boundary.Body | DeepBody:
-    rest = of.clearance_mm, of.resolution
-    if of.depth is None:
-        return boundary.Body(of.shape, of.deg, of.width_mm, *rest)
-    assert isinstance(of.depth, Depth)
-    return DeepBody(of.shape, of.deg, of.width_mm, of.depth, *rest)
+def _boundary(drawing: Drawing) -> boundary.Body | DeepBody:
+    accuracy = drawing.clearance_mm, drawing.resolution
+    if drawing.depth is None:
+        return boundary.Body(drawing.shape, drawing.deg, drawing.width_mm, *accuracy)
+    assert isinstance(drawing.depth, Depth)
+    return DeepBody(drawing.shape, drawing.deg, drawing.width_mm, drawing.depth, *accuracy)
 
 
-def _elements(of: Drawing) -> elements.Body:
-    if of.depth is not None:
+def _elements(drawing: Drawing) -> elements.Body:
+    if drawing.depth is not None:
         raise ValueError("triangles are those of a sheet")
-    return elements.Body(of.shape, of.deg, of.width_mm, of.clearance_mm)
+    return elements.Body(drawing.shape, drawing.deg, drawing.width_mm, drawing.clearance_mm)
 
 
-def _disc(of: Drawing) -> disc.Body:
-    if of.depth is not None:
+def _disc(drawing: Drawing) -> disc.Body:
+    if drawing.depth is not None:
         raise ValueError("the series is that of a sheet")
-    return disc.Body(of.shape, of.deg, of.width_mm)
+    return disc.Body(drawing.shape, drawing.deg, drawing.width_mm)
 
 
-def _slab(of: Drawing) -> slab.Body:
-    assert isinstance(of.depth, Solid)
-    return slab.Body(of.shape, of.deg, of.width_mm, of.depth, of.clearance_mm)
+def _slab(drawing: Drawing) -> slab.Body:
+    assert isinstance(drawing.depth, Solid)
+    return slab.Body(
+        drawing.shape, drawing.deg, drawing.width_mm, drawing.depth, drawing.clearance_mm
+    )
 
 
 BEYOND_SHEET = frozenset(OUTSIDE_SOLID)
@@ -101,8 +103,8 @@ BEYOND_TOUCH = frozenset(
     }
 )
 GENERATORS = {
-    one.name: one
-    for one in (
+    generator.name: generator
+    for generator in (
         Generator("boundary", _boundary, BEYOND_SHEET, 1e-5),
         Generator("elements", _elements, BEYOND_SHEET | {"third-dimension"}, 2e-4),
         Generator("disc", _disc, BEYOND_SHEET | BEYOND_TOUCH, 1e-9),

@@ -1,10 +1,11 @@
-"""The named effects, each once more from its definition.
+"""The named effects, implemented a second time from their definitions.
 
 A law is {name, [electrodes | drives | measures | channels], parameters}, the configuration's form;
-a parameter is a number or a list with one number a site. Laws of one kind are found by `named`.
+a parameter is a number or a list with one number for each site. `named` selects laws by name.
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,7 +15,7 @@ SITES = ("electrodes", "drives", "measures", "channels")
 
 
 def named(laws: list[dict], name: str) -> Iterator[dict]:
-    """Parameters of every law of a name."""
+    """The parameters of every law of a name."""
     return (law.get("parameters", {}) for law in laws if law["name"] == name)
 
 
@@ -24,7 +25,7 @@ def _sites(law: dict, count: int) -> np.ndarray:
 
 
 def _at_sites(laws: list[dict], name: str, key: str, count: int) -> Iterator[tuple]:
-    """Sites and the parameter's value at them, of every law of a name."""
+    """The sites of every law of a name, and the parameter's values at them."""
     for law in laws:
         if law["name"] == name:
             sites = _sites(law, count)
@@ -46,8 +47,8 @@ def skew_fraction(laws: list[dict]) -> float:
 
 
 def steps(force: np.ndarray, press: np.ndarray) -> np.ndarray:
-    """(N,) N: the mean of the force's steps before and after a frame in its press, one-sided at
-    its ends."""
+    """(N,) N: the mean of the force's steps before and after a frame within its press, one-sided at
+    the ends of the press."""
     step = np.zeros(len(force))
     for label in np.unique(press[press >= 0]):
         rows = np.flatnonzero(press == label)
@@ -61,7 +62,8 @@ def steps(force: np.ndarray, press: np.ndarray) -> np.ndarray:
 def felt_force(
     laws: list[dict], force: np.ndarray, followed: Callable[[float], np.ndarray]
 ) -> np.ndarray:
-    """What the contrast follows, N: relaxation, then contact-law. followed(tau_s): m, (N,) N."""
+    """The force, N, that determines the contrast, after relaxation and contact-law.
+    followed(tau_s): the relaxing part m, (N,) N."""
     felt = force
     for p in named(laws, "relaxation"):
         felt = felt - p["fraction"] * followed(p["tau_s"])
@@ -138,14 +140,14 @@ def electrodes(
 
 
 def impedivity(
-    laws: list[dict], z: np.ndarray, minutes: np.ndarray, force: np.ndarray, apart: np.ndarray
+    laws: list[dict], z: np.ndarray, minutes: np.ndarray, force: np.ndarray, distance_mm: np.ndarray
 ) -> np.ndarray:
     """(N, n) ohm m2: contact-impedance, contact-drift, force-dependent-impedance.
 
     z (n,); minutes, force (N,); apart (N, n) mm, from each electrode's centre to the contact's.
     """
-    z = np.broadcast_to(z, apart.shape).copy()
-    n = apart.shape[1]
+    z = np.broadcast_to(z, distance_mm.shape).copy()
+    n = distance_mm.shape[1]
     for sites, ratio in _at_sites(laws, "contact-impedance", "ratio", n):
         z[:, sites] *= ratio
     for sites, rate in _at_sites(laws, "contact-drift", "per_minute", n):
@@ -154,8 +156,12 @@ def impedivity(
         if law["name"] == "force-dependent-impedance":
             sites = _sites(law, n)
             range_mm = law["parameters"].get("range_mm")
-            near = np.ones(apart.shape) if range_mm is None else np.exp(-((apart / range_mm) ** 2))
-            rise = np.asarray(law["parameters"]["per_N"]) * near[:, sites]
+            decay = (
+                np.ones(distance_mm.shape)
+                if range_mm is None
+                else np.exp(-((distance_mm / range_mm) ** 2))
+            )
+            rise = np.asarray(law["parameters"]["per_N"]) * decay[:, sites]
             z[:, sites] *= 1.0 + np.where(force[:, None] > 0, force[:, None] * rise, 0.0)
     return z
 
@@ -207,11 +213,11 @@ def potentials(
     value = np.linalg.solve(admittance, current)
     if sink_grounded and leaking.any():
         for d, (_, sink) in enumerate(ends):
-            kept = np.delete(np.arange(n), sink)
-            inner = admittance[leaking][:, kept][:, :, kept]
+            free_nodes = np.delete(np.arange(n), sink)
+            inner = admittance[leaking][:, free_nodes][:, :, free_nodes]
             value[leaking, :, d] = 0.0
-            solved = np.linalg.solve(inner, current[kept, d][:, None])[..., 0]
-            value[np.ix_(leaking, kept, np.array([d]))] = solved[..., None]
+            solved = np.linalg.solve(inner, current[free_nodes, d][:, None])[..., 0]
+            value[np.ix_(leaking, free_nodes, np.array([d]))] = solved[..., None]
     value = np.swapaxes(value, 1, 2)
     for law in laws:
         if law["name"] == "electrode-open":
@@ -228,7 +234,7 @@ def potentials(
 def _at_channels(
     laws: list[dict], name: str, key: str, neutral: float, channels: np.ndarray
 ) -> Iterator[np.ndarray]:
-    """(M,): a parameter at each channel, of every law of a name."""
+    """(M,) for every law of a name: the parameter at each channel."""
     columns = {"drives": channels[:, 0], "measures": channels[:, 2]}
     for law in laws:
         if law["name"] != name:
@@ -242,38 +248,42 @@ def _at_channels(
         yield table[index]
 
 
-def instrument(
-    laws: list[dict],
-    volt: np.ndarray,
-    above_sink: np.ndarray,
-    force: np.ndarray,
-    time_s: np.ndarray,
-    channels: np.ndarray,
-    frame_s: float,
-    force_max_N: float,
-) -> np.ndarray:
-    """(N, M) V: readings in the instrument's order.
+@dataclass(frozen=True)
+class Readout:
+    """The frames that an instrument reads: force (N, M) N at the time of each channel, time_s (N,),
+    channels (M, 4), the frames' duration, and the recording's largest reported force."""
 
-    volt, above_sink (the measuring pair's mean potential above the sink), force (at each channel's
-    moment): (N, M) V, V, N; force_max_N: the recording's largest reported force.
+    force: np.ndarray
+    time_s: np.ndarray
+    channels: np.ndarray
+    frame_s: float
+    force_max_N: float
+
+
+def instrument(
+    laws: list[dict], volt: np.ndarray, above_sink: np.ndarray, readout: Readout
+) -> np.ndarray:
+    """(N, M) V: the readings of differences volt (N, M) V after the instrument's laws, in their
+    order; above_sink (N, M) V: the measuring pair's mean potential above the sink.
     """
+    channels = readout.channels
     for p in named(laws, "common-mode"):
         volt = volt + p["ratio"] * above_sink
     for name in ("drive-gain", "measurement-gain", "channel-gain"):
         for gain in _at_channels(laws, name, "gain", 1.0, channels):
             volt = volt * gain
     for p in named(laws, "force-dependent-gain"):
-        middle = 0.5 * force_max_N if p.get("F_mid_N") is None else p["F_mid_N"]
-        volt = volt * (1.0 + p["per_N"] * (force - middle))
+        middle = 0.5 * readout.force_max_N if p.get("F_mid_N") is None else p["F_mid_N"]
+        volt = volt * (1.0 + p["per_N"] * (readout.force - middle))
     for p in named(laws, "crosstalk"):
-        before, after = np.roll(volt, 1, axis=1), np.roll(volt, -1, axis=1)
-        volt = volt - 2.0 * p["epsilon"] * volt + p["epsilon"] * (before + after)
+        previous_channel, next_channel = np.roll(volt, 1, axis=1), np.roll(volt, -1, axis=1)
+        volt = volt - 2.0 * p["epsilon"] * volt + p["epsilon"] * (previous_channel + next_channel)
     for p in named(laws, "multiplexer-memory"):
         volt = _remembered(volt, p["mu"])
     for shift in _at_channels(laws, "offset", "volt", 0.0, channels):
         volt = volt + shift
     count = volt.shape[1]
-    moment = time_s[:, None] + frame_s * np.arange(count) / count
+    moment = readout.time_s[:, None] + readout.frame_s * np.arange(count) / count
     for p in named(laws, "mains-interference"):
         angle = 2.0 * np.pi * p["frequency_Hz"] * moment + np.radians(p.get("phase_deg", 0.0))
         volt = volt + p["volt"] * np.sin(angle)
@@ -285,8 +295,8 @@ def instrument(
 
 
 def _remembered(volt: np.ndarray, mu: float) -> np.ndarray:
-    """y_k = (1 - mu) v_k + mu y_(k-1) round the frame: a circulant, so that the discrete Fourier
-    transform solves it."""
+    """y_k = (1 - mu) v_k + mu y_(k-1), cyclic over the frame: a circulant system, solved by the
+    discrete Fourier transform."""
     count = volt.shape[1]
     turn = np.exp(-2j * np.pi * np.arange(count // 2 + 1) / count)
     return np.fft.irfft(np.fft.rfft(volt, axis=1) * (1.0 - mu) / (1.0 - mu * turn), count, axis=1)

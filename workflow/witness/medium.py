@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ellipe, ellipkm1
 
-LENGTH = 8.0  # distances are measured in radii times this: no charge is at the log's zero
+LENGTH = 8.0  # unit of distances in the logarithm, in radii, so that it never vanishes
 
 
 @dataclass(frozen=True)
@@ -27,12 +27,12 @@ class Plane:
         """b = n . grad s / 2 s: the flux sqrt(s) (dw/dn - b w) of u = w / sqrt(s)."""
         return np.zeros(x.shape)
 
-    def rest(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """(len(x), len(y)): the kernel without its -log|x - y| / 2 pi."""
+    def smooth(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """(len(x), len(y)): the smooth part of the kernel, without -log|x - y| / 2 pi."""
         return np.full((len(x), len(y)), np.log(LENGTH) / (2.0 * np.pi))
 
-    def normal_rest(self, x: np.ndarray, normal: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Its derivative along `normal` at x."""
+    def normal_smooth(self, x: np.ndarray, normal: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """The derivative of `smooth` along `normal` at x."""
         return np.zeros((len(x), len(y)))
 
 
@@ -47,43 +47,43 @@ class Tilted:
         return 1.0 + (np.conj(self.slope) * x).real
 
     def root(self, x: np.ndarray) -> np.ndarray:
-        """As Plane.root."""
+        """sqrt(s) at places x."""
         return np.sqrt(self.relative(x))
 
     def bend(self, x: np.ndarray, normal: np.ndarray) -> np.ndarray:
-        """As Plane.bend."""
+        """b = n . grad s / 2 s, as in `Plane.bend`."""
         return (np.conj(self.slope) * normal).real / (2.0 * self.relative(x))
 
     def _chi(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        both = np.outer(self.relative(x), self.relative(y))
-        return np.abs(x[:, None] - y) ** 2 * abs(self.slope) ** 2 / (4.0 * both)
+        product = np.outer(self.relative(x), self.relative(y))
+        return np.abs(x[:, None] - y) ** 2 * abs(self.slope) ** 2 / (4.0 * product)
 
-    def rest(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """As Plane.rest."""
-        apart = np.abs(x[:, None] - y)
-        both = np.outer(self.relative(x), self.relative(y))
-        at_once = np.log(8.0 * np.sqrt(both) / abs(self.slope)) / (2.0 * np.pi)
+    def smooth(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """The smooth part of the kernel, as in `Plane.smooth`."""
+        distance = np.abs(x[:, None] - y)
+        product = np.outer(self.relative(x), self.relative(y))
+        coincident_value = np.log(8.0 * np.sqrt(product) / abs(self.slope)) / (2.0 * np.pi)
         chi = self._chi(x, y)
         m = 1.0 / (1.0 + chi)
         with np.errstate(divide="ignore", invalid="ignore"):
-            value = (ellipkm1(chi * m) * np.sqrt(m) + np.log(apart)) / (2.0 * np.pi)
-        return np.where(chi > 0, value, at_once)
+            value = (ellipkm1(chi * m) * np.sqrt(m) + np.log(distance)) / (2.0 * np.pi)
+        return np.where(chi > 0, value, coincident_value)
 
-    def normal_rest(self, x: np.ndarray, normal: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """As Plane.normal_rest."""
+    def normal_smooth(self, x: np.ndarray, normal: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """The derivative of `smooth` along `normal` at x."""
         m = 1.0 / (1.0 + self._chi(x, y))
         factor = np.sqrt(m) * ellipe(m)
         with np.errstate(divide="ignore", invalid="ignore"):
             plain = np.where(x[:, None] == y, 0.0, (normal[:, None] / (x[:, None] - y)).real)
-        own = self.bend(x, normal)[:, None]
-        return ((1.0 - factor) * plain + factor * own) / (2.0 * np.pi)
+        bend = self.bend(x, normal)[:, None]
+        return ((1.0 - factor) * plain + factor * bend) / (2.0 * np.pi)
 
 
 Medium = Plane | Tilted
 
 
 def log_kernel(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """-log|x - y| / 2 pi of places apart."""
+    """-log|x - y| / 2 pi of distinct places."""
     return -np.log(np.abs(x[:, None] - y)) / (2.0 * np.pi)
 
 
@@ -93,14 +93,14 @@ def normal_kernel(x: np.ndarray, normal: np.ndarray, y: np.ndarray) -> np.ndarra
 
 
 def potential(medium: Medium, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """The medium's kernel of places apart."""
-    return log_kernel(x, y) + medium.rest(x, y)
+    """The medium's kernel of distinct places."""
+    return log_kernel(x, y) + medium.smooth(x, y)
 
 
 def flux(medium: Medium, x: np.ndarray, normal: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """dg/dn - b g at x, of places apart."""
+    """dg/dn - b g at x, of distinct places."""
     value = normal_kernel(x, normal, y)
     if isinstance(medium, Plane):
         return value
-    value = value + medium.normal_rest(x, normal, y)
+    value = value + medium.normal_smooth(x, normal, y)
     return value - medium.bend(x, normal)[:, None] * potential(medium, x, y)

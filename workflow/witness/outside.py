@@ -1,7 +1,7 @@
-"""Physics that no name of the catalogue describes.
+"""Physics outside the catalogue.
 
-Each law says in its docstring what it does; `amount` is its strength, 0 for none, drawn by what it
-shows. A law is drawn by `draw(rng, scene)` and enters where the hook that it defines is called.
+Each law's docstring states its effect; `amount` is its strength, 0 for none, chosen by its SNR.
+`draw(rng, scene)` draws a law, which acts through the hooks that it overrides.
 """
 
 from dataclasses import dataclass, field, fields
@@ -16,10 +16,10 @@ from witness.boundary import Disc
 
 @dataclass
 class Touches:
-    """Rows of states: what the skin meets in each. All (R,); z (R, n) ohm m2; sigma (R,) S/m.
+    """The state of the skin in each of R rows. All (R,); z (R, n) ohm m2; sigma (R,) S/m.
 
-    more: {row: [(Disc, contrast)]}: inclusions beside the touch; layers: {row: (radii mm, relative
-    conductivities)}: a touch that is not sharp; dent: the share of the depth that touches reach.
+    inclusions: {row: [(Disc, contrast)]}, beside the touch; layers: {row: (radii mm, relative
+    conductivities)}, of a touch that is not sharp; dent: the share of the depth touches reach.
     """
 
     touched: np.ndarray
@@ -32,13 +32,13 @@ class Touches:
     z: np.ndarray
     sigma: np.ndarray
     siemens: np.ndarray
-    more: dict[int, list[tuple[Disc, float]]] = field(default_factory=dict)
+    inclusions: dict[int, list[tuple[Disc, float]]] = field(default_factory=dict)
     layers: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     dent: float = 1.0
 
 
 class Asked(Protocol):
-    """What laws may ask of the world that they act in; drives (D, 2)."""
+    """The attributes of the world that laws use; drives (D, 2)."""
 
     skin: Skin
     channels: np.ndarray
@@ -48,8 +48,8 @@ class Asked(Protocol):
 
 @dataclass(frozen=True)
 class Scene:
-    """What a law may be drawn for: electrodes, presses, the clock's end, the skin's radius, where
-    nothing is ever touched (x, y, radius, mm), and the untouched frame (M,) V."""
+    """The scene of a law: electrodes, presses, the recording's end, the skin's radius, a disc that
+    is never touched (x, y, radius, mm), and the untouched frame (M,) V."""
 
     n_electrodes: int
     presses: np.ndarray
@@ -61,26 +61,26 @@ class Scene:
 
 @dataclass(frozen=True)
 class Outside:
-    """No law; the hooks that laws override, in the order of the world.
+    """A law without effect; laws override its hooks, which are called in their order.
 
-    keeps_clear: it sits in the scene's free disc, which nothing may touch.
+    keeps_clear: whether the law acts in the scene's free disc, which must not be touched.
     """
 
     amount: float = 0.0
     keeps_clear: ClassVar[bool] = False
-    most: ClassVar[float] = 1.0
+    max_amount: ClassVar[float] = 1.0
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
-        """The law at its largest amount, its other values drawn."""
-        return cls(amount=cls.most)
+        """The law at its largest amount, with its other values drawn."""
+        return cls(amount=cls.max_amount)
 
     def parameters(self) -> dict:
         """The values by name."""
-        return {one.name: getattr(self, one.name) for one in fields(self)}
+        return {value_field.name: getattr(self, value_field.name) for value_field in fields(self)}
 
     def touch(self, rows: Touches, world: Asked) -> None:
-        """Change what the skin meets in place."""
+        """Change the rows in place."""
 
     def network(self, admittance: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         """Admittance (R, n, n) S between the electrodes."""
@@ -107,12 +107,14 @@ class IntermittentContact(Outside):
 
     electrode: int = 0
     presses: tuple[int, ...] = ()
-    most: ClassVar[float] = 30.0
+    max_amount: ClassVar[float] = 30.0
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         some = rng.choice(scene.presses, max(2, len(scene.presses) // 3), replace=False)
-        return cls(cls.most, int(rng.integers(scene.n_electrodes)), tuple(sorted(some.tolist())))
+        return cls(
+            cls.max_amount, int(rng.integers(scene.n_electrodes)), tuple(sorted(some.tolist()))
+        )
 
     def touch(self, rows: Touches, world: Asked) -> None:
         rows.z[np.isin(rows.press, self.presses), self.electrode] *= 1.0 + self.amount
@@ -123,11 +125,13 @@ class GainRange(Outside):
     """Readings beyond a threshold are taken in another range, (1 + amount) times as sensitive."""
 
     threshold_V: float = 1.0
-    most: ClassVar[float] = 0.3
+    max_amount: ClassVar[float] = 0.3
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
-        return cls(cls.most, float(np.quantile(np.abs(scene.untouched_V), rng.uniform(0.4, 0.8))))
+        return cls(
+            cls.max_amount, float(np.quantile(np.abs(scene.untouched_V), rng.uniform(0.4, 0.8)))
+        )
 
     def converted(self, volt: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         return volt * np.where(np.abs(volt) > self.threshold_V, 1.0 + self.amount, 1.0)
@@ -138,11 +142,11 @@ class HumidityStep(Outside):
     """The conductivity is (1 + amount) times as large from one moment on."""
 
     minutes: float = 0.0
-    most: ClassVar[float] = 0.5
+    max_amount: ClassVar[float] = 0.5
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
-        return cls(cls.most, float(scene.end_s / 60.0 * rng.uniform(0.3, 0.7)))
+        return cls(cls.max_amount, float(scene.end_s / 60.0 * rng.uniform(0.3, 0.7)))
 
     def touch(self, rows: Touches, world: Asked) -> None:
         rows.sigma[rows.minutes > self.minutes] *= 1.0 + self.amount
@@ -152,7 +156,7 @@ class HumidityStep(Outside):
 class SmoothDent(Outside):
     """contrast erfc((r - a) / sqrt(2) w) / 2 in place of a sharp disc of radius a; w = amount a."""
 
-    most: ClassVar[float] = 0.3
+    max_amount: ClassVar[float] = 0.3
     rings: ClassVar[int] = 40
 
     def touch(self, rows: Touches, world: Asked) -> None:
@@ -178,18 +182,18 @@ class Palm(Outside):
     radius_mm: float = 5.0
     presses: tuple[int, ...] = ()
     keeps_clear: ClassVar[bool] = True
-    most: ClassVar[float] = 5.0
+    max_amount: ClassVar[float] = 5.0
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         assert scene.free is not None
         some = rng.choice(scene.presses, max(3, len(scene.presses) // 2), replace=False)
-        return cls(cls.most, *scene.free, tuple(sorted(some.tolist())))
+        return cls(cls.max_amount, *scene.free, tuple(sorted(some.tolist())))
 
     def touch(self, rows: Touches, world: Asked) -> None:
         palm = (Disc(self.x_mm, self.y_mm, self.radius_mm), self.amount)
         for row in np.flatnonzero(np.isin(rows.press, self.presses)):
-            rows.more[int(row)] = [*rows.more.get(int(row), []), palm]
+            rows.inclusions[int(row)] = [*rows.inclusions.get(int(row), []), palm]
 
 
 @dataclass(frozen=True)
@@ -198,11 +202,11 @@ class Shunt(Outside):
     the touch to the middle between them."""
 
     range_mm: float = 20.0
-    most: ClassVar[float] = 0.1
+    max_amount: ClassVar[float] = 0.1
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
-        return cls(cls.most, float(scene.radius_mm * rng.uniform(0.25, 0.5)))
+        return cls(cls.max_amount, float(scene.radius_mm * rng.uniform(0.25, 0.5)))
 
     def network(self, admittance: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         deg, radius = world.skin.electrode_deg, world.skin.radius_mm
@@ -211,10 +215,10 @@ class Shunt(Outside):
         middle = 0.5 * (rim + np.roll(rim, -1))
         admittance = admittance.copy()
         for row in np.flatnonzero(rows.touched):
-            apart = np.abs(middle - rows.place[row])
-            a = int(apart.argmin())
+            distance = np.abs(middle - rows.place[row])
+            a = int(distance.argmin())
             ends = np.array([a, (a + 1) % len(rim)])
-            bridge = self.amount * rows.force[row] * np.exp(-((apart[a] / self.range_mm) ** 2))
+            bridge = self.amount * rows.force[row] * np.exp(-((distance[a] / self.range_mm) ** 2))
             admittance[row, ends[:, None], ends] += bridge * np.array([[1, -1], [-1, 1]])
         return admittance
 
@@ -227,20 +231,20 @@ class Slit(Outside):
     y_mm: float = 0.0
     deg: float = 0.0
     keeps_clear: ClassVar[bool] = True
-    most: ClassVar[float] = 0.999
+    max_amount: ClassVar[float] = 0.999
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         assert scene.free is not None
         x, y, _ = scene.free
-        return cls(cls.most, x, y, float(rng.uniform(0.0, 180.0)))
+        return cls(cls.max_amount, x, y, float(rng.uniform(0.0, 180.0)))
 
     def touch(self, rows: Touches, world: Asked) -> None:
         along = 4.0 * (np.arange(4) - 1.5) * np.exp(1j * np.radians(self.deg))
         places = complex(self.x_mm, self.y_mm) + along
         holes = [(Disc(float(p.real), float(p.imag), 1.2), -self.amount) for p in places]
         for row in range(len(rows.touched)):
-            rows.more[row] = [*rows.more.get(row, []), *holes]
+            rows.inclusions[row] = [*rows.inclusions.get(row, []), *holes]
 
 
 @dataclass(frozen=True)
@@ -248,11 +252,14 @@ class SourceSag(Outside):
     """The current falls with the load: 1 / (1 + amount load / mean load), the load being what
     source and sink see."""
 
-    most: ClassVar[float] = 0.5
+    max_amount: ClassVar[float] = 0.5
 
     def board(self, potential: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
-        at = np.arange(len(world.drives))
-        load = potential[:, at, world.drives[:, 0]] - potential[:, at, world.drives[:, 1]]
+        drive_index = np.arange(len(world.drives))
+        load = (
+            potential[:, drive_index, world.drives[:, 0]]
+            - potential[:, drive_index, world.drives[:, 1]]
+        )
         return potential / (1.0 + self.amount * load / load[0].mean())[:, :, None]
 
 
@@ -260,7 +267,7 @@ class SourceSag(Outside):
 class InputCurrent(Outside):
     """The amplifier's two inputs each draw amount / (1 kohm) of their potential above the sink."""
 
-    most: ClassVar[float] = 1.0
+    max_amount: ClassVar[float] = 1.0
 
     def pairs(
         self, volt: np.ndarray, admittance: np.ndarray, rows: Touches, world: Asked
@@ -288,12 +295,12 @@ class Texture(Outside):
     pitch_mm: float = 40.0
     deg: float = 0.0
     phase: float = 0.0
-    most: ClassVar[float] = 0.9
+    max_amount: ClassVar[float] = 0.9
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         pitch = scene.radius_mm * rng.uniform(0.4, 1.0)
-        return cls(cls.most, float(pitch), *rng.uniform(0.0, (360.0, 2.0 * np.pi)).tolist())
+        return cls(cls.max_amount, float(pitch), *rng.uniform(0.0, (360.0, 2.0 * np.pi)).tolist())
 
     def touch(self, rows: Touches, world: Asked) -> None:
         along = (rows.place * np.exp(-1j * np.radians(self.deg))).real
@@ -306,11 +313,11 @@ class ProbeTilt(Outside):
     """The contact's centre walks along one direction by amount mm per N."""
 
     deg: float = 0.0
-    most: ClassVar[float] = 0.3
+    max_amount: ClassVar[float] = 0.3
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
-        return cls(cls.most, float(rng.uniform(0.0, 360.0)))
+        return cls(cls.max_amount, float(rng.uniform(0.0, 360.0)))
 
     def touch(self, rows: Touches, world: Asked) -> None:
         walk = self.amount * rows.force * np.exp(1j * np.radians(self.deg))
@@ -323,12 +330,12 @@ class ThermalGain(Outside):
 
     period_s: float = 60.0
     phase: float = 0.0
-    most: ClassVar[float] = 0.3
+    max_amount: ClassVar[float] = 0.3
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         period = scene.end_s * rng.uniform(0.15, 0.5)
-        return cls(cls.most, float(period), float(rng.uniform(0.0, 2.0 * np.pi)))
+        return cls(cls.max_amount, float(period), float(rng.uniform(0.0, 2.0 * np.pi)))
 
     def converted(self, volt: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         angle = 120.0 * np.pi * rows.minutes / self.period_s + self.phase
@@ -340,11 +347,11 @@ class EvenConverter(Outside):
     """v + amount v^2 / v0, v0 the largest untouched reading."""
 
     reference_V: float = 1.0
-    most: ClassVar[float] = 0.3
+    max_amount: ClassVar[float] = 0.3
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
-        return cls(cls.most, float(np.abs(scene.untouched_V).max()))
+        return cls(cls.max_amount, float(np.abs(scene.untouched_V).max()))
 
     def converted(self, volt: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         return volt + self.amount * volt**2 / self.reference_V
@@ -354,7 +361,7 @@ class EvenConverter(Outside):
 class SlowSettling(Outside):
     """Part of the reading before last is in each: (1 - amount) v_k + amount v_(k-2), cyclic."""
 
-    most: ClassVar[float] = 0.3
+    max_amount: ClassVar[float] = 0.3
 
     def converted(self, volt: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         return (1.0 - self.amount) * volt + self.amount * np.roll(volt, 2, axis=1)
@@ -366,12 +373,12 @@ class ContactThreshold(Outside):
 
     electrode: int = 0
     force_N: float = 5.0
-    most: ClassVar[float] = 30.0
+    max_amount: ClassVar[float] = 30.0
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         electrode = int(rng.integers(scene.n_electrodes))
-        return cls(cls.most, electrode, float(rng.uniform(2.5, 5.0)))
+        return cls(cls.max_amount, electrode, float(rng.uniform(2.5, 5.0)))
 
     def touch(self, rows: Touches, world: Asked) -> None:
         rows.z[rows.force > self.force_N, self.electrode] *= 1.0 + self.amount
@@ -383,11 +390,11 @@ class WanderingGain(Outside):
     are normal."""
 
     seed: int = 0
-    most: ClassVar[float] = 0.5
+    max_amount: ClassVar[float] = 0.5
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
-        return cls(cls.most, int(rng.integers(2**31)))
+        return cls(cls.max_amount, int(rng.integers(2**31)))
 
     def converted(self, volt: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         step = np.random.default_rng(self.seed).standard_normal(len(volt))
@@ -400,12 +407,12 @@ class LateGain(Outside):
 
     measure: int = 0
     minutes: float = 0.0
-    most: ClassVar[float] = 0.5
+    max_amount: ClassVar[float] = 0.5
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         measure = int(rng.integers(scene.n_electrodes))
-        return cls(cls.most, measure, float(scene.end_s / 60.0 * rng.uniform(0.3, 0.7)))
+        return cls(cls.max_amount, measure, float(scene.end_s / 60.0 * rng.uniform(0.3, 0.7)))
 
     def converted(self, volt: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         mine = world.channels[:, 2] == self.measure
@@ -419,23 +426,23 @@ class LastingDent(Outside):
     the next press begins."""
 
     tau_s: float = 10.0
-    most: ClassVar[float] = 0.9
+    max_amount: ClassVar[float] = 0.9
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
-        return cls(cls.most, float(rng.uniform(3.0, 20.0)))
+        return cls(cls.max_amount, float(rng.uniform(3.0, 20.0)))
 
     def touch(self, rows: Touches, world: Asked) -> None:
-        last = None
+        latest_press = None
         for row, touched in enumerate(rows.touched):
             if touched:
                 place, radius = rows.place[row], rows.radius_mm[row]
                 disc = Disc(float(place.real), float(place.imag), float(radius))
-                last = disc, rows.contrast[row], rows.minutes[row]
-            elif last is not None:
-                fade = np.exp(-60.0 * (rows.minutes[row] - last[2]) / self.tau_s)
-                left = (last[0], float(self.amount * last[1] * fade))
-                rows.more[row] = [*rows.more.get(row, []), left]
+                latest_press = disc, rows.contrast[row], rows.minutes[row]
+            elif latest_press is not None:
+                fade = np.exp(-60.0 * (rows.minutes[row] - latest_press[2]) / self.tau_s)
+                residual_dent = (latest_press[0], float(self.amount * latest_press[1] * fade))
+                rows.inclusions[row] = [*rows.inclusions.get(row, []), residual_dent]
 
 
 @dataclass(frozen=True)
@@ -443,11 +450,11 @@ class ShallowDent(Outside):
     """The touch reaches down through 1 - amount of the depth alone and changes what it reaches by
     so much more that the sheet's conductance changes as it would; its strength is drawn."""
 
-    most: ClassVar[float] = 0.7
+    max_amount: ClassVar[float] = 0.7
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
-        return cls(round(float(rng.uniform(0.3, cls.most)), 3))
+        return cls(round(float(rng.uniform(0.3, cls.max_amount)), 3))
 
     def touch(self, rows: Touches, world: Asked) -> None:
         rows.dent = 1.0 - self.amount
@@ -475,5 +482,5 @@ OUTSIDE: dict[str, type[Outside]] = {
     "lasting-dent": LastingDent,
 }
 
-# What a sheet cannot show, only a body of three dimensions.
+# Laws of bodies in three dimensions, without effect on a sheet.
 OUTSIDE_SOLID: dict[str, type[Outside]] = {"shallow-dent": ShallowDent}

@@ -1,10 +1,10 @@
-"""Recordings as owners of tanks and skins have them, with what is concealed in each.
+"""Recordings like those of owners of tanks and skins, with known truth.
 
     draw("owner:static-body", 3), draw("owner:step", 600001)
 
-Bodies with electrodes over part of their height that nobody touches, outlines pressed out of round,
-clipped channels, steps in time, many electrodes and drives, wrong tables, beliefs missing. Solved
-by the boundary's integral equations (`world`); no line is shared with the diagnosis or its check.
+Untouched bodies with electrodes over part of their height, outlines out of round, clipped channels,
+steps in time, many electrodes and drives, wrong channel tables, incomplete nominal skins. Solved by
+the boundary's integral equations (`world`); no line is shared with the diagnosis or its check.
 Equal kinds and seeds give the same recording bit for bit.
 """
 
@@ -28,19 +28,19 @@ from witness.rig_errors import USUAL, RigError
 from witness.schedule import Keep, query_frames, recording_frames
 from witness.world import World
 
-LEVELS = (3e-4, 5e-3)  # noise over the median |v|, from and to
-FRAMES = (20, 60)  # of a recording that nobody touches
-SEEN = 40.0  # least SNR of all frames of what is concealed, where the noise can fall so far
-STEP_SEEN = 20.0  # a step's length over one frame's noise, likewise
+LEVELS = (3e-4, 5e-3)  # range of the noise over the median |v|
+FRAMES = (20, 60)  # of an untouched recording
+MIN_SNR = 40.0  # of the concealed effects over all frames, reached by less noise where possible
+MIN_STEP_SNR = 20.0  # of a step over one frame's noise, likewise
 CONTACTS = (-3.0, 12.0)  # logarithm of an unknown contact impedivity over the true one
 MILD = (0.1, 1.0)  # of the usual size of a rig's error
 MILD_CORRELATION = (0.3, 0.9)
-ERRORS = tuple(  # magnitudes would hide the sign that `owner:polarity` is about
-    kind for kind, usual in USUAL.items() if usual.of == "readings" and kind != "quadrature"
+ERRORS = tuple(  # without magnitudes, which have no sign for `owner:polarity`
+    kind for kind, usual in USUAL.items() if usual.target == "readings" and kind != "quadrature"
 )
 OUT_OF_ROUND = (0.03, 0.1)  # amplitude of the rim, over the radius
-MIDDLE = (0.25, 0.75)  # of a recording: where a step may be
-DITHER = 0.1  # of the noise, that a converter adds after its ceiling
+MIDDLE = (0.25, 0.75)  # of a recording: the range of a step's frame
+DITHER = 0.1  # of the noise, added by a converter after its ceiling
 TABLES = {  # electrodes, patterns of the drives, read in adjacent pairs
     "32 adjacent": (32, ("adjacent",)),
     "32 skip-4": (32, ("skip-4",)),
@@ -57,10 +57,10 @@ UNKNOWN = (
 
 @dataclass(frozen=True)
 class Truth:
-    """What a recording conceals. effects: laws that the owner's simulation leaves out, in the
-    configuration's form; wanted: names of those that must be said, the others may; step: the first
-    frame after one; ceiling_V: of the clipped channels; wrong: what of the channel table is, in the
-    check's word."""
+    """The truth of a recording. effects: laws absent from the owner's simulation, in the
+    configuration's form; wanted: names of those that a diagnosis must report, the others being
+    optional; step: the first frame after one; ceiling_V: of the clipped channels; wrong: the fault
+    of the channel table, in the check's word."""
 
     effects: list[dict] = field(default_factory=list)
     wanted: tuple[str, ...] = ()
@@ -73,9 +73,8 @@ class Truth:
 class Owned:
     """One recording with its truth.
 
-    drawn: what was done, in words; clean, voltage (N, M) V: readings without and with noise; query:
-    states after it and their readings, noise and all, (Q, M) V, where it is touched, else None;
-    true: the skin.
+    drawn: its description; clean, voltage (N, M) V: readings without and with noise; query: states
+    after it with noisy readings (Q, M) V, None where it is untouched; true: the skin.
     """
 
     kind: str
@@ -91,15 +90,15 @@ class Owned:
 
     @property
     def voltage(self) -> np.ndarray:
-        """(N, M) V."""
+        """Noisy readings (N, M) V."""
         return self.recorded.readings
 
 
 @dataclass(frozen=True)
 class _Plan:
-    """A recording to be made: the skin as it is and as its owner has it, channels (M, 4), laws of
-    the skin, those after a step, the truth; order (M,): channel that stands in each column; sign:
-    of all readings; touched: whether anybody presses."""
+    """A recording to be made: the true and the nominal skin, channels (M, 4), laws of the skin,
+    those after a step, the truth; order (M,): the channel in each column; sign: of all readings;
+    touched: whether the skin is pressed; room: the share of the radius for touches."""
 
     drawn: str
     true: Skin
@@ -131,13 +130,13 @@ def draw(kind: str, seed: int) -> Owned:
         raise InputError("owned", "kind", repr(kind), expected)
     rng = np.random.default_rng([crc32(kind.encode()), seed])
     while True:
-        made = _made(kind, seed, KINDS[name](rng), rng)
-        if made is not None:
-            return made
+        owned = _recording_of(kind, seed, KINDS[name](rng), rng)
+        if owned is not None:
+            return owned
 
 
-def _made(kind: str, seed: int, plan: _Plan, rng: np.random.Generator) -> Owned | None:
-    """The recording of a plan, None where nothing would be seen of what it conceals."""
+def _recording_of(kind: str, seed: int, plan: _Plan, rng: np.random.Generator) -> Owned | None:
+    """The recording of a plan, None where its effects would be too weak."""
     frame_s = round(float(rng.uniform(0.2, 0.4)), 3)
     states, query = _frames(rng, plan, frame_s)
     world = World(plan.true, plan.channels, frame_s)
@@ -145,39 +144,44 @@ def _made(kind: str, seed: int, plan: _Plan, rng: np.random.Generator) -> Owned 
     truth = plan.truth
     level = log_uniform(rng, *LEVELS)
     noise = np.full(clean.shape[1], level * float(np.median(np.abs(clean[0]))))
-    seen = np.inf
+    visibility = np.inf
     if plan.later is not None:
-        after = world.readings(states, plan.later)
+        readings_after = world.readings(states, plan.later)
         step = int(len(states) * rng.uniform(*MIDDLE))
         truth = replace(truth, step=step)
-        seen = float(np.linalg.norm((after[step] - clean[step]) / noise) / STEP_SEEN)
-        clean = np.where(np.arange(len(states))[:, None] < step, clean, after)
+        visibility = float(
+            np.linalg.norm((readings_after[step] - clean[step]) / noise) / MIN_STEP_SNR
+        )
+        clean = np.where(np.arange(len(states))[:, None] < step, clean, readings_after)
     elif plan.laws:
-        seen = beyond(plan.true, plan.believed, world, states, clean, noise) / SEEN
-    quieter = min(1.0, max(seen, LEVELS[0] / level))
-    if seen < quieter:
+        visibility = (
+            snr_beyond_sheet(plan.true, plan.believed, world, states, clean, noise) / MIN_SNR
+        )
+    noise_factor = min(1.0, max(visibility, LEVELS[0] / level))
+    if visibility < noise_factor:
         return None
-    level, noise = level * quieter, noise * quieter
+    level, noise = level * noise_factor, noise * noise_factor
     rig = _mild(rng) if rng.uniform() < 0.5 else ()
-    read = [rig_errors.read(clean, rig, states, noise, rng)]
+    readings_list = [rig_errors.read(clean, rig, states, noise, rng)]
     if query is not None:
         largest = float(states["force_N"].max())
-        later = world.readings(query, plan.later or plan.laws, None, largest)
-        read.append(later + noise * rng.standard_normal(later.shape))
+        query_readings = world.readings(query, plan.later or plan.laws, None, largest)
+        readings_list.append(query_readings + noise * rng.standard_normal(query_readings.shape))
     if plan.clipped:
         ceiling = _ceiling(rng, clean, plan.channels)
         limit = {"name": "adc-nonlinearity", "parameters": {"limit_V": ceiling}}
         truth = replace(truth, ceiling_V=ceiling, effects=[limit])
         dither = noise * (DITHER if rng.uniform() < 0.5 else 0.0)
-        read = [
-            np.clip(one, -ceiling, ceiling) + dither * rng.standard_normal(one.shape)
-            for one in read
+        readings_list = [
+            np.clip(readings_part, -ceiling, ceiling)
+            + dither * rng.standard_normal(readings_part.shape)
+            for readings_part in readings_list
         ]
     metadata = owners_metadata(plan.channels, frame_s, plan.believed)
     order = slice(None) if plan.order is None else plan.order
-    made = [
-        Recording(frames, plan.sign * one[:, order], None, None, deepcopy(metadata))
-        for frames, one in zip((states, query), read, strict=False)
+    recordings = [
+        Recording(frames, plan.sign * readings_part[:, order], None, None, deepcopy(metadata))
+        for frames, readings_part in zip((states, query), readings_list, strict=False)
     ]
     errors = [f"{error.kind} {error.size:.3g}" for error in rig]
     return Owned(
@@ -186,8 +190,8 @@ def _made(kind: str, seed: int, plan: _Plan, rng: np.random.Generator) -> Owned 
         "; ".join([plan.drawn, f"noise {level:.2g}", *errors]),
         truth,
         plan.true,
-        made[0],
-        made[1] if query is not None else None,
+        recordings[0],
+        recordings[1] if query is not None else None,
         clean,
         level,
         rig,
@@ -197,16 +201,16 @@ def _made(kind: str, seed: int, plan: _Plan, rng: np.random.Generator) -> Owned 
 def _frames(
     rng: np.random.Generator, plan: _Plan, frame_s: float
 ) -> tuple[pd.DataFrame, pd.DataFrame | None]:
-    """States of the recording and, where the skin is touched, of the query after it."""
+    """The states of the recording and, where the skin is touched, of the query after it."""
     if not plan.touched:
-        return _still(int(rng.integers(FRAMES[0], FRAMES[1] + 1)), frame_s), None
+        return _untouched_frames(int(rng.integers(FRAMES[0], FRAMES[1] + 1)), frame_s), None
     assert plan.true.radius_mm is not None
     room = plan.room * plan.true.radius_mm
     states = recording_frames(rng, room, frame_s, Keep())
     return states, query_frames(rng, states, room, frame_s, Keep())
 
 
-def beyond(
+def snr_beyond_sheet(
     true: Skin,
     believed: Skin,
     world: World,
@@ -214,24 +218,24 @@ def beyond(
     clean: np.ndarray,
     noise_V: np.ndarray,
 ) -> float:
-    """SNR in all frames of what the first, untouched, of readings (N, M) V has beyond a sheet whose
-    conductivity, and where the owner does not know it the contact impedivity, fits best; noise_V
-    (M,). A body with low electrodes may read as a sheet with worse contacts."""
-    first, impedivity = states.iloc[:1], true.contact_impedivity_ohm_m2
+    """The SNR over all frames of the misfit of the first, untouched frame of readings (N, M) V to
+    the best sheet, fitted in its conductivity and, where unknown, its contact impedivity; noise_V
+    (M,). A body with low electrodes may read like a sheet with worse contacts."""
+    first_frame, impedivity = states.iloc[:1], true.contact_impedivity_ohm_m2
     assert impedivity is not None
 
-    def left(log_ratio: float) -> float:
+    def remaining_snr(log_ratio: float) -> float:
         contact = impedivity * float(np.exp(log_ratio))
         sheet = World(replace(true, contact_impedivity_ohm_m2=contact), world.channels, 1.0)
-        return signature(clean[:1], sheet.readings(first, []), noise_V) * np.sqrt(len(clean))
+        return signature(clean[:1], sheet.readings(first_frame, []), noise_V) * np.sqrt(len(clean))
 
     if believed.contact_impedivity_ohm_m2 is not None:
-        return left(0.0)
-    return float(minimize_scalar(left, bounds=CONTACTS, method="bounded").fun)
+        return remaining_snr(0.0)
+    return float(minimize_scalar(remaining_snr, bounds=CONTACTS, method="bounded").fun)
 
 
-def _still(count: int, frame_s: float) -> pd.DataFrame:
-    """Frames one after another, nobody touching."""
+def _untouched_frames(count: int, frame_s: float) -> pd.DataFrame:
+    """Consecutive untouched frames."""
     time = np.round(1.05 * frame_s * np.arange(count), 4)
     frames = frames_table(time, np.zeros(count, bool))
     return frames.assign(contact=pd.array([None] * count, dtype="Int64"))
@@ -242,25 +246,25 @@ def _between(rng: np.random.Generator, low: float, high: float) -> float:
 
 
 def _mild(rng: np.random.Generator) -> tuple[RigError, ...]:
-    """One or two errors of a rig's readings, none over its usual size."""
+    """One or two errors of a rig's readings, none above its usual size."""
     kinds = rng.choice(ERRORS, int(rng.integers(1, 3)), replace=False).tolist()
-    found = []
+    errors = []
     for kind in kinds:
         usual = USUAL[kind].size
         band = (MILD[0] * usual, MILD[1] * usual)
         size = log_uniform(rng, *(MILD_CORRELATION if kind == "correlated-noise" else band))
-        found.append(RigError(kind, size, int(rng.integers(2**31))))
-    return tuple(found)
+        errors.append(RigError(kind, size, int(rng.integers(2**31))))
+    return tuple(errors)
 
 
 def _ceiling(rng: np.random.Generator, clean: np.ndarray, channels: np.ndarray) -> float:
-    """A ceiling, V, over all that shares no electrode with its drive, under all that does or under
-    the pairs that drive alone, which read most."""
+    """A ceiling, V, above all channels without a driven electrode and below all others, or below
+    the driving pairs alone, whose readings are largest."""
     level, free = np.abs(clean).min(axis=0), undriven(channels)
     driving = (channels[:, :2] == channels[:, 2:]).all(axis=1)
-    least = level[driving if rng.uniform() < 0.5 else ~free].min()
+    lowest_driven = level[driving if rng.uniform() < 0.5 else ~free].min()
     largest = float(np.abs(clean[:, free]).max())
-    return float(f"{max(least * rng.uniform(0.85, 0.98), 1.05 * largest):.4g}")
+    return float(f"{max(lowest_driven * rng.uniform(0.85, 0.98), 1.05 * largest):.4g}")
 
 
 # ---- skins
@@ -285,7 +289,7 @@ def _sheet(rng: np.random.Generator) -> Skin:
 
 
 def _tank(rng: np.random.Generator, electrodes: str, count: int = 16) -> Skin:
-    """A tank; electrodes: pins, as high as wide, low strips, or full ones over the whole depth."""
+    """A tank with pins (as high as wide), low strips, or full strips over its depth."""
     radius, depth = _between(rng, 60.0, 120.0), _between(rng, 10.0, 40.0)
     widest = 0.4 * 2.0 * np.pi * radius / count
     width = _between(rng, 4.0, min(10.0, widest))
@@ -310,34 +314,37 @@ def _tank(rng: np.random.Generator, electrodes: str, count: int = 16) -> Skin:
 
 
 def _as_known(rng: np.random.Generator, true: Skin) -> Skin:
-    """The owner's skin: a conductivity up to 15 % off, no contrast that nobody pressed, and in half
-    no word of the contacts."""
+    """The nominal skin: a conductivity up to 15 % off, no contrast of an untouched skin, and in
+    half the cases no contact impedivity."""
     assert true.conductivity_S_per_m is not None
-    off = float(true.conductivity_S_per_m * (1.0 + rng.uniform(-0.15, 0.15)))
-    known = replace(true, conductivity_S_per_m=off, contrast_per_N=true.contrast_per_N or None)
+    conductivity = float(true.conductivity_S_per_m * (1.0 + rng.uniform(-0.15, 0.15)))
+    skin = replace(
+        true, conductivity_S_per_m=conductivity, contrast_per_N=true.contrast_per_N or None
+    )
     unknown = rng.uniform() < 0.5
-    return replace(known, contact_impedivity_ohm_m2=None) if unknown else known
+    return replace(skin, contact_impedivity_ohm_m2=None) if unknown else skin
 
 
 def _depth(true: Skin, believed: Skin) -> dict:
-    """third-dimension, of a skin that is one."""
+    """The law third-dimension of a skin that is a body."""
     unknown = believed.thickness_mm is None
-    given = {"depth_mm": true.thickness_mm} if unknown else {}
-    return {"name": "third-dimension", "parameters": given}
+    parameters = {"depth_mm": true.thickness_mm} if unknown else {}
+    return {"name": "third-dimension", "parameters": parameters}
 
 
 def _solved(true: Skin, effects: list[dict]) -> list[dict]:
-    """Laws by which the world solves a skin: the depth is said, whatever its owner knows."""
-    own = [law for law in effects if law["name"] != "third-dimension"]
-    return own if len(own) == len(effects) else [*own, _depth(true, true)]
+    """The laws with which the world solves a skin: with its depth, even if the nominal skin has
+    none."""
+    other_laws = [law for law in effects if law["name"] != "third-dimension"]
+    return other_laws if len(other_laws) == len(effects) else [*other_laws, _depth(true, true)]
 
 
 # ---- kinds
 
 
 def _either_skin(rng: np.random.Generator) -> tuple[Skin, Skin, bool, str]:
-    """The true and the believed skin, whether it is touched, and what it is: a pressed sheet, or a
-    tank with strips of full height, which owe the third dimension nothing."""
+    """The true and the nominal skin, whether it is touched, and its description: a pressed sheet,
+    or a tank with strips of full height, for which the third dimension has no effect."""
     touched = bool(rng.uniform() < 0.5)
     true = _sheet(rng) if touched else _tank(rng, "full strips")
     words = "a sheet, pressed" if touched else "a tank with full strips"
@@ -348,13 +355,15 @@ def _static_body(rng: np.random.Generator) -> _Plan:
     electrodes = str(rng.choice(["pins", "low strips", "full strips"], p=[0.5, 0.25, 0.25]))
     true = _tank(rng, electrodes)
     believed = _as_known(rng, true)
-    unsaid = int(rng.integers(3))
-    if unsaid:
+    unknown_count = int(rng.integers(3))
+    if unknown_count:
         believed = replace(believed, electrode_height_mm=None, electrode_z_mm=None)
-    if unsaid == 2:
+    if unknown_count == 2:
         believed = replace(believed, thickness_mm=None)
-    said = ("all said", "height of the electrodes not said", "depth and height not said")[unsaid]
-    drawn = f"a tank with {electrodes}, {said}"
+    knowledge = ("all said", "height of the electrodes not said", "depth and height not said")[
+        unknown_count
+    ]
+    drawn = f"a tank with {electrodes}, {knowledge}"
     effects = [] if electrodes == "full strips" else [_depth(true, believed)]
     wanted = tuple(law["name"] for law in effects)
     laws, truth = _solved(true, effects), Truth(effects, wanted)
@@ -362,9 +371,9 @@ def _static_body(rng: np.random.Generator) -> _Plan:
 
 
 def _out_of_round(rng: np.random.Generator) -> _Plan:
-    """Electrode edges keep their places along the rim. Where nobody presses, a disc with electrodes
-    elsewhere, of other widths and contacts, reads the same (Riemann's map): the outline must then
-    be among the alternatives."""
+    """An outline out of round, with electrode edges at fixed arc lengths of the rim. Untouched, a
+    disc with other places, widths and contacts of electrodes reads the same (Riemann's map): then
+    the outline must be among the alternatives."""
     true, believed, touched, words = _either_skin(rng)
     harmonic = int(rng.choice([2, 2, 3]))
     amplitude, phase = _between(rng, *OUT_OF_ROUND), _between(rng, 0.0, 360.0)
@@ -395,20 +404,20 @@ def _out_of_round(rng: np.random.Generator) -> _Plan:
 
 
 def carried(deg: Sequence[float], harmonic: int, amplitude: float, phase_deg: float) -> list:
-    """Shifts, degrees, of marks at `deg` that keep their places along a rim which is pressed
-    to r = 1 + amplitude cos(harmonic phi - phase) and not stretched; their mean is 0.
+    """The shifts, degrees, with mean 0, of marks at `deg` at fixed arc lengths of a rim deformed
+    without stretching to r = 1 + amplitude cos(harmonic phi - phase).
 
-    To first order -amplitude / harmonic sin(harmonic phi - phase); here by the arc length itself.
+    To first order -amplitude / harmonic sin(harmonic phi - phase); here from the arc length.
     """
     phi = np.linspace(-2.0 * np.pi, 4.0 * np.pi, 60_001)
     turn = harmonic * phi - np.radians(phase_deg)
     speed = np.hypot(1.0 + amplitude * np.cos(turn), harmonic * amplitude * np.sin(turn))
     length = np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(phi)))
-    once = length[40_000] - length[20_000]
+    rim_length = length[40_000] - length[20_000]
     start, angle = length[20_000], np.radians(deg)
     for _ in range(20):
-        shift = np.interp(start + once * angle / (2.0 * np.pi), length, phi) - angle
-        start -= shift.mean() * once / (2.0 * np.pi)
+        shift = np.interp(start + rim_length * angle / (2.0 * np.pi), length, phi) - angle
+        start -= shift.mean() * rim_length / (2.0 * np.pi)
     return np.round(np.degrees(shift), 4).tolist()
 
 
@@ -420,7 +429,7 @@ def _clipped(rng: np.random.Generator) -> _Plan:
 
 
 def _fault(rng: np.random.Generator, count: int) -> dict:
-    """A contact, an amplifier or a source that is clearly off at one place."""
+    """A clear fault of a contact, an amplifier or a source at one place."""
     site = int(rng.integers(count))
     factor = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.05, 0.25))
     return [
@@ -459,9 +468,9 @@ def _step(rng: np.random.Generator) -> _Plan:
 
 def _words(law: dict) -> str:
     sites = next(law[kind] for kind in ("electrodes", "measures", "drives") if kind in law)
-    where = "all" if len(sites) > 1 else str(sites[0])
+    place_text = "all" if len(sites) > 1 else str(sites[0])
     (values,) = law["parameters"].values()
-    return f"{law['name']} {values[0]:.3g} at {where}"
+    return f"{law['name']} {values[0]:.3g} at {place_text}"
 
 
 def _many_drives(rng: np.random.Generator) -> _Plan:
@@ -471,13 +480,13 @@ def _many_drives(rng: np.random.Generator) -> _Plan:
     electrodes = str(rng.choice(["low strips", "full strips"]))
     true = _tank(rng, electrodes, count)
     believed = _as_known(rng, true)
-    effects, what = [], "sound"
+    effects, effect_text = [], "sound"
     if electrodes == "low strips":
-        effects, what = [_depth(true, believed)], "nothing else"
+        effects, effect_text = [_depth(true, believed)], "nothing else"
     elif rng.uniform() < 0.5:
         effects = [_fault(rng, count)]
-        what = _words(effects[0])
-    drawn = f"{table}, {electrodes}, {what}"
+        effect_text = _words(effects[0])
+    drawn = f"{table}, {electrodes}, {effect_text}"
     truth = Truth(effects, tuple(law["name"] for law in effects))
     return _Plan(drawn, true, believed, channels, _solved(true, effects), truth)
 

@@ -1,12 +1,12 @@
-"""What every rig adds to a recording and nobody wants named: noise that is not white, a robot and a
-load cell that miss, loud frames, lost ones.
+"""Errors of a rig: noise that is not white, inaccurate robots and load cells, loud frames, lost
+readings.
 
     draw(rng)                                  one to three kinds, each with its size
-    reported(states, errors)                   the states as robot and load cell tell them
-    read(clean, errors, states, noise_V, rng)  what the board makes of noise-free readings
+    reported(states, errors)                   the states as reported by robot and load cell
+    read(clean, errors, states, noise_V, rng)  the board's readings from noise-free ones
 
-Sizes are log-uniform from a tenth to three times what an ordinary rig has (`USUAL`); the
-correlation of noise from 0.3 to 0.98. No line of this is shared with the diagnosis' covariance.
+Sizes are log-uniform from a tenth to three times those of an ordinary rig (`USUAL`); the
+correlation of noise is 0.3 to 0.98. No line is shared with the covariance of the diagnosis.
 """
 
 from collections.abc import Sequence
@@ -15,24 +15,24 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-LEAST, MOST = 0.1, 3.0  # of the usual size
+MIN_SIZE, MAX_SIZE = 0.1, 3.0  # of the usual size
 CORRELATIONS = (0.3, 0.98)
-TOGETHER = 3  # kinds in one recording, at most
+MAX_KINDS = 3  # in one recording
 LOUD = (10.0, 300.0)  # times the noise, of a loud frame
 SPIKES = (0.03, 1.0)  # of the median |v|, of a spike
 
 
 @dataclass(frozen=True)
 class Usual:
-    """A kind of error: what its size is on an ordinary rig, in its unit; of: what it falls on, the
-    readings or the states reported."""
+    """A kind of error: its size on an ordinary rig, in its unit; target: the readings, or the
+    reported states."""
 
     size: float
     unit: str
-    of: str
+    target: str
 
 
-USUAL = {  # sizes from the recordings that went wrong, ours where none is known
+USUAL = {  # sizes from recordings with such errors, our choice where none is known
     "correlated-noise": Usual(0.9, "1", "readings"),  # from frame to frame, a channel's own
     "common-noise": Usual(5e-4, "median |v|", "readings"),  # of all channels alike, a frame
     "channel-drift": Usual(3e-4, "median |v|", "readings"),  # a slow walk of each channel
@@ -54,35 +54,35 @@ USUAL = {  # sizes from the recordings that went wrong, ours where none is known
 
 @dataclass(frozen=True)
 class RigError:
-    """One kind at a size, in the unit that USUAL says; seed: of all that it draws."""
+    """A kind of error with its size, in the unit of USUAL, and the seed of its random numbers."""
 
     kind: str
     size: float
     seed: int
 
     def rng(self) -> np.random.Generator:
-        """The same numbers each time."""
+        """The generator of its random numbers, the same at each call."""
         return np.random.default_rng([self.seed, list(USUAL).index(self.kind)])
 
 
 def draw(rng: np.random.Generator, kinds: Sequence[str] | None = None) -> list[RigError]:
-    """Errors of a rig: those of `kinds`, or one to three kinds drawn."""
+    """The errors of a rig: of `kinds`, or of one to three random kinds."""
     if kinds is None:
-        number = int(rng.integers(1, TOGETHER + 1))
+        number = int(rng.integers(1, MAX_KINDS + 1))
         kinds = rng.choice(sorted(USUAL), number, replace=False).tolist()
     return [RigError(kind, _size(rng, kind), int(rng.integers(2**31))) for kind in kinds]
 
 
 def _size(rng: np.random.Generator, kind: str) -> float:
     usual = USUAL[kind].size
-    band = CORRELATIONS if kind == "correlated-noise" else (LEAST * usual, MOST * usual)
+    band = CORRELATIONS if kind == "correlated-noise" else (MIN_SIZE * usual, MAX_SIZE * usual)
     return float(f"{np.exp(rng.uniform(*np.log(band))):.3g}")
 
 
 def reported(states: pd.DataFrame, errors: Sequence[RigError]) -> pd.DataFrame:
-    """The states that stand in the recording, of those at which the skin was read: x_mm, y_mm and
-    force_N moved where touched. No force is negative."""
-    told = states.copy()
+    """The states in the recording, from the true ones: x_mm, y_mm and force_N with errors where
+    touched. Forces are clipped at 0."""
+    reported_states = states.copy()
     touched = states["touch"].to_numpy(bool)
     press = pd.factorize(states["contact"].to_numpy())[0]
     share = _share(states)
@@ -92,17 +92,19 @@ def reported(states: pd.DataFrame, errors: Sequence[RigError]) -> pd.DataFrame:
             count = len(states) if error.kind == "place-per-frame" else press.max() + 1
             shift = size * rng.standard_normal((count, 2))
             shift = shift if error.kind == "place-per-frame" else shift[press]
-            told["x_mm"] += np.where(touched, shift[:, 0], 0.0)
-            told["y_mm"] += np.where(touched, shift[:, 1], 0.0)
+            reported_states["x_mm"] += np.where(touched, shift[:, 0], 0.0)
+            reported_states["y_mm"] += np.where(touched, shift[:, 1], 0.0)
         elif error.kind == "force-per-frame":
-            told["force_N"] += np.where(touched, size * rng.standard_normal(len(states)), 0.0)
+            reported_states["force_N"] += np.where(
+                touched, size * rng.standard_normal(len(states)), 0.0
+            )
         elif error.kind == "force-per-press":
             factor = 1.0 + size * rng.standard_normal(press.max() + 1)
-            told["force_N"] *= np.where(touched, factor[press], 1.0)
+            reported_states["force_N"] *= np.where(touched, factor[press], 1.0)
         elif error.kind == "force-zero-walk":
-            told["force_N"] += np.where(touched, size * _walk(rng, share)[:, 0], 0.0)
-    told["force_N"] = told["force_N"].clip(lower=0.0)
-    return told
+            reported_states["force_N"] += np.where(touched, size * _walk(rng, share)[:, 0], 0.0)
+    reported_states["force_N"] = reported_states["force_N"].clip(lower=0.0)
+    return reported_states
 
 
 def read(
@@ -112,66 +114,66 @@ def read(
     noise_V: np.ndarray,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Readings (N, M) V, noise and all, of noise-free ones (N, M) V; NaN where lost.
+    """Noisy readings (N, M) V from noise-free ones (N, M) V; NaN where lost.
 
-    noise_V (M,): sd of the noise, which `rng` draws; without errors it is white. It comes before
-    the converter, and before magnitudes are taken.
+    noise_V (M,): sd of the noise, drawn with `rng`; without errors it is white. It is added before
+    the converter and before magnitudes are taken.
     """
-    of = {error.kind: error for error in errors}
+    error_by_kind = {error.kind: error for error in errors}
     median = float(np.median(np.abs(clean[0])))
     share = _share(states)
     voltage = clean.copy()
-    if (error := of.get("amplitude-per-frame")) is not None:
+    if (error := error_by_kind.get("amplitude-per-frame")) is not None:
         voltage *= 1.0 + error.size * error.rng().standard_normal((len(clean), 1))
-    if (error := of.get("gain-walk")) is not None:
+    if (error := error_by_kind.get("gain-walk")) is not None:
         voltage *= 1.0 + error.size * _walk(error.rng(), share)
-    voltage += noise_V * _noise(of, rng.standard_normal(clean.shape))
-    if (error := of.get("common-noise")) is not None:
+    voltage += noise_V * _noise(error_by_kind, rng.standard_normal(clean.shape))
+    if (error := error_by_kind.get("common-noise")) is not None:
         voltage += error.size * median * error.rng().standard_normal((len(clean), 1))
-    if (error := of.get("channel-drift")) is not None:
+    if (error := error_by_kind.get("channel-drift")) is not None:
         voltage += error.size * median * _walk(error.rng(), share, clean.shape[1])
-    if (error := of.get("loud-frames")) is not None:
+    if (error := error_by_kind.get("loud-frames")) is not None:
         rng = error.rng()
         loud = rng.choice(len(clean), max(1, round(error.size * len(clean))), replace=False)
         low, high = np.log(LOUD)
         louder = np.exp(rng.uniform(low, high, (len(loud), 1)))
         voltage[loud] += louder * noise_V * rng.standard_normal((len(loud), clean.shape[1]))
-    if (error := of.get("spikes")) is not None:
+    if (error := error_by_kind.get("spikes")) is not None:
         rng = error.rng()
-        hit = rng.uniform(size=clean.shape) < error.size
+        is_spike = rng.uniform(size=clean.shape) < error.size
         low, high = np.log(SPIKES)
         height = median * np.exp(rng.uniform(low, high, clean.shape))
-        voltage += np.where(hit, height * rng.choice([-1.0, 1.0], clean.shape), 0.0)
-    if (error := of.get("quadrature")) is not None:
+        voltage += np.where(is_spike, height * rng.choice([-1.0, 1.0], clean.shape), 0.0)
+    if (error := error_by_kind.get("quadrature")) is not None:
         across = error.size * np.abs(clean) * error.rng().standard_normal(clean.shape[1])
         voltage = np.hypot(voltage, across)
-    if (error := of.get("quantisation")) is not None:
+    if (error := error_by_kind.get("quantisation")) is not None:
         step = error.size * median
         voltage = step * np.round(voltage / step)
-    if (error := of.get("lost-readings")) is not None:
+    if (error := error_by_kind.get("lost-readings")) is not None:
         voltage[error.rng().uniform(size=clean.shape) < error.size] = np.nan
     return voltage
 
 
 def magnitudes(errors: Sequence[RigError]) -> bool:
-    """Whether the board takes magnitudes."""
+    """Whether the board reports magnitudes."""
     return any(error.kind == "quadrature" for error in errors)
 
 
-def _noise(of: dict[str, RigError], white: np.ndarray) -> np.ndarray:
+def _noise(error_by_kind: dict[str, RigError], white: np.ndarray) -> np.ndarray:
     """(N, M): the noise of each channel over its sd, of white noise (N, M)."""
-    if (error := of.get("correlated-noise")) is not None:
-        rho, made = error.size, white.copy()
+    if (error := error_by_kind.get("correlated-noise")) is not None:
+        rho, correlated = error.size, white.copy()
         for row in range(1, len(white)):
-            made[row] = rho * made[row - 1] + np.sqrt(1.0 - rho**2) * white[row]
-        white = made
-    if (error := of.get("uneven-noise")) is not None:
+            correlated[row] = rho * correlated[row - 1] + np.sqrt(1.0 - rho**2) * white[row]
+        white = correlated
+    if (error := error_by_kind.get("uneven-noise")) is not None:
         white = white * np.exp(error.size * error.rng().standard_normal(white.shape[1]))
     return white
 
 
 def _share(states: pd.DataFrame) -> np.ndarray:
-    """(N,): how much of the recording's time has gone."""
+    """(N,): the elapsed share of the recording's time."""
     time = states["time_s"].to_numpy(float)
     return (time - time[0]) / max(float(np.ptp(time)), 1e-9)
 

@@ -1,5 +1,5 @@
-"""The recording that ships with the documentation: a skin one of whose electrodes sits two degrees
-from where its owner's drawing has it.
+"""The recording that ships with the documentation: a skin with one electrode two degrees from its
+nominal position.
 
     python -m witness.sample docs/sample
 """
@@ -9,11 +9,11 @@ import sys
 from witness import cases
 
 NAME, SEED, FRAMES = "electrode-position", 1, 80
-SHARE = 0.4  # of the largest shift that is drawn
+SHARE = 0.4  # of the largest shift of `strengths`, two degrees
 
 
 def sample() -> cases.Case:
-    """The case, the same bit for bit on one machine."""
+    """The case, equal bit for bit on one machine."""
     return cases.draw("sample", SEED, frames=FRAMES, names=[NAME], share=SHARE)
 
 

@@ -1,4 +1,4 @@
-"""Who presses where, when and how hard: the frames of a recording and of its query."""
+"""Places, times and forces of presses: the frames of a recording and of its query."""
 
 from dataclasses import dataclass
 
@@ -7,16 +7,16 @@ import pandas as pd
 
 from eitskin.data.recording import frames_table
 
-REACH = 0.93  # discs lie within this share of the radius
-PROBES_MM = (7.0, 10.0, 15.0)
-OTHER_PROBE_MM = 12.0
+REACH = 0.93  # discs lie within this share of the radius: clear of the electrodes
+PROBES_MM = (7.0, 10.0, 15.0)  # diameters of usual probes
+OTHER_PROBE_MM = 12.0  # between them, for a query's press with another probe
 
 
 @dataclass(frozen=True)
 class Keep:
-    """Discs (x, y, radius), mm, whose edges stay `apart_mm` from the edge of every touch; where
-    they may cross, not nearer to touching each other from within or without. clear: no touch lies
-    within a disc either."""
+    """Discs (x, y, radius), mm, with edges at least `apart_mm` from the edge of every touch.
+    crossed: edges may cross but are not that close to tangent; clear: no touch lies within a disc.
+    """
 
     discs: tuple[tuple[float, float, float], ...] = ()
     apart_mm: float = 1.5
@@ -24,12 +24,12 @@ class Keep:
     clear: bool = False
 
     def allows(self, x: float, y: float, radius: float) -> bool:
-        """Whether a touch may be there."""
-        for a, b, other in self.discs:
-            apart = float(np.hypot(x - a, y - b))
-            gap = apart - other - radius
+        """Whether a touch is allowed at a place."""
+        for a, b, disc_radius in self.discs:
+            centre_distance = float(np.hypot(x - a, y - b))
+            gap = centre_distance - disc_radius - radius
             if not self.clear:
-                gap = max(gap, abs(other - radius) - apart)
+                gap = max(gap, abs(disc_radius - radius) - centre_distance)
             if (abs(gap) if self.crossed else gap) < self.apart_mm:
                 return False
         return True
@@ -38,7 +38,7 @@ class Keep:
 def _place(
     rng: np.random.Generator, radius_mm: float, probe_mm: float, keep: Keep
 ) -> tuple[float, float]:
-    """A random place whose disc lies on the skin."""
+    """A random allowed place with the touch's disc on the skin."""
     while True:
         r = np.sqrt(rng.uniform()) * (REACH * radius_mm - 0.5 * probe_mm)
         phi = rng.uniform(0.0, 2.0 * np.pi)
@@ -50,25 +50,25 @@ def _place(
 def _forces(
     rng: np.random.Generator, peak_N: float, loading: int, hold: int, unloading: int
 ) -> np.ndarray:
-    """Forces of one press: up to the peak, held, down."""
+    """The forces of one press: rising to the peak, held, falling."""
     up = np.sort(rng.uniform(0.1, 0.9, loading - 1)) if loading > 1 else np.zeros(0)
     down = np.sort(rng.uniform(0.1, 0.9, unloading))[::-1]
     return np.round(peak_N * np.concatenate([up, np.ones(1 + hold), down]), 4)
 
 
 class Clock:
-    """Frames one after another, 0.5 to 3 s apart, never nearer than a frame lasts."""
+    """The times of frames, 0.5 to 3 s apart, at least a frame's duration."""
 
     def __init__(self, rng: np.random.Generator, frame_s: float, start_s: float = 0.0):
-        self.rng, self.frame_s, self.now = rng, frame_s, start_s
+        self.rng, self.frame_s, self.now_s = rng, frame_s, start_s
         self.rhythm = rng.uniform(0.6, 2.5)
 
     def next(self) -> float:
-        """Start of the next frame, s."""
-        at = self.now
+        """The start of the next frame, s."""
+        start_s = self.now_s
         wait = np.clip(self.rhythm * self.rng.uniform(0.8, 1.25), 0.5, 3.0)
-        self.now = round(at + max(float(wait), 1.05 * self.frame_s), 4)
-        return at
+        self.now_s = round(start_s + max(float(wait), 1.05 * self.frame_s), 4)
+        return start_s
 
 
 def _table(rows: list[tuple], presses: list[int]) -> pd.DataFrame:
@@ -85,25 +85,28 @@ def recording_frames(
     keep: Keep,
     number: int | None = None,
 ) -> pd.DataFrame:
-    """100 to 150 frames: untouched ones at the start and before each of 10 to 14 presses, that
-    load and unload, some held; two or three probes. `number` of frames instead: presses with it."""
+    """100 to 150 frames: untouched ones at the start and before each of 10 to 14 presses, which
+    load and unload, some held; two or three probes. number: of frames instead, with presses in
+    proportion."""
     clock = Clock(rng, frame_s)
     count = int(rng.integers(10, 15))
     probes = list(rng.choice(PROBES_MM, int(rng.integers(2, 4)), replace=False))
-    wanted = int(rng.integers(100, 151))
+    frame_count = int(rng.integers(100, 151))
     if number is not None:
-        count, wanted = round(count * number / 125), number
-    first = int(rng.integers(2, 7))
-    touched = np.full(count, (wanted - first - count) // count)
-    touched[rng.permutation(count)[: wanted - first - count - touched.sum()]] += 1
-    rows = [(clock.next(), False, np.nan, np.nan, 0.0, np.nan) for _ in range(first)]
-    presses = [-1] * first
+        count, frame_count = round(count * number / 125), number
+    initial_frames = int(rng.integers(2, 7))
+    press_frames = np.full(count, (frame_count - initial_frames - count) // count)
+    press_frames[
+        rng.permutation(count)[: frame_count - initial_frames - count - press_frames.sum()]
+    ] += 1
+    rows = [(clock.next(), False, np.nan, np.nan, 0.0, np.nan) for _ in range(initial_frames)]
+    presses = [-1] * initial_frames
     for press in range(count):
         probe = float(probes[press % len(probes)])
         x, y = _place(rng, radius_mm, probe, keep)
         rows.append((clock.next(), False, np.nan, np.nan, 0.0, np.nan))
         presses.append(-1)
-        size = int(touched[press])
+        size = int(press_frames[press])
         hold = int(rng.integers(1, max(2, size // 2))) if rng.uniform() < 0.4 and size > 4 else 0
         unloading = int(rng.integers(1, max(2, (size - hold) // 2 + 1)))
         forces = _forces(rng, rng.uniform(2.0, 10.0), size - hold - unloading, hold, unloading)
@@ -121,22 +124,21 @@ def query_frames(
     keep: Keep,
     number: int | None = None,
 ) -> pd.DataFrame:
-    """24 to 40 frames after the recording's, at places not yet seen: within its forces, in a
-    higher band, with another probe; loading and unloading, whole presses. `number` of frames, 15 or
-    more, instead: five presses."""
+    """24 to 40 frames after the recording's, in complete presses at new places: within its forces,
+    in a higher band, with another probe. number: of frames instead, 15 or more, in five presses."""
     largest = float(recording["force_N"].max())
-    known = sorted(recording["probe_mm"].dropna().unique())
+    recorded_probes = sorted(recording["probe_mm"].dropna().unique())
     clock = Clock(rng, frame_s, float(recording["time_s"].iloc[-1]) + 5.0)
     kinds = ["inside", "higher", "other probe", "higher", "inside"]
     if number is None:
         kinds = kinds[: int(rng.integers(4, 6))]
     else:
-        touched = np.full(len(kinds), number // len(kinds) - 1)
-        touched[: number % len(kinds)] += 1
+        press_frames = np.full(len(kinds), number // len(kinds) - 1)
+        press_frames[: number % len(kinds)] += 1
     press = int(recording["contact"].max())
     rows, presses = [], []
     for index, kind in enumerate(kinds):
-        probe = OTHER_PROBE_MM if kind == "other probe" else float(rng.choice(known))
+        probe = OTHER_PROBE_MM if kind == "other probe" else float(rng.choice(recorded_probes))
         x, y = _place(rng, radius_mm, probe, keep)
         band = (1.05, 1.3) if kind == "higher" else (0.5, 1.0)
         press += 1
@@ -144,8 +146,8 @@ def query_frames(
         presses.append(-1)
         loading, unloading = int(rng.integers(3, 5)), int(rng.integers(2, 4))
         if number is not None:
-            loading = int(rng.integers(1, touched[index]))
-            unloading = int(touched[index]) - loading
+            loading = int(rng.integers(1, press_frames[index]))
+            unloading = int(press_frames[index]) - loading
         forces = _forces(rng, largest * rng.uniform(*band), loading, 0, unloading)
         for force in forces:
             rows.append((clock.next(), True, x, y, float(force), probe))

@@ -1,12 +1,11 @@
 """The skin as a body of three dimensions by finite elements: prisms of high order.
 
-Prisms are triangles times intervals, so that their matrices are K x Mz + M x Kz, and the depth's
-own eigenvectors, cosines but for the elements' error, part a body of one conductivity into sheets
-lap u = k^2 u. What couples them: an electrode that covers part of the height, where the sheets'
-fields stand on its face together, and a dent that is part of the depth deep. Sheets fade as
-exp(-k distance): the first few (`far`) reach from dents to electrodes and are solved together,
-the others round a face and round a dent alone (complete electrode model: Somersalo, Cheney,
-Isaacson 1992; in three dimensions: Vauhkonen et al. 1999).
+Prisms are triangles times intervals, so that their matrices are K x Mz + M x Kz, and the
+eigenvectors in depth, cosines up to the elements' error, decompose a body of one conductivity into
+sheets lap u = k^2 u. Sheets are coupled by electrodes over part of the height and by dents over
+part of the depth. They decay as exp(-k distance): the first few (`far`) reach from dents to
+electrodes and are solved together, the others locally around a face or a dent (complete electrode
+model: Somersalo, Cheney, Isaacson 1992; in three dimensions: Vauhkonen et al. 1999).
 """
 
 from collections.abc import Sequence
@@ -26,8 +25,8 @@ from witness.boundary import Disc, Radial
 from witness.curves import Shape
 from witness.elements import Domain, Fineness, condensed, seen_from, units
 
-FADE = 6.0  # sheets reach as far as there and back they fade to exp(-FADE)
-ALONE = 2.5  # depths round a face or a dent in which what does not reach is solved
+FADE = 6.0  # sheets reach until they decay on the way there and back by exp(-FADE)
+LOCAL_DEPTHS = 2.5  # depths around a face or a dent, in which sheets that do not reach are solved
 
 
 _mass = BilinearForm(lambda u, v, _: u * v)
@@ -53,8 +52,7 @@ class Solid:
 
 @dataclass(frozen=True)
 class Grain:
-    """Order of the elements in depth, and how many times what an edge in depth parts is halved
-    towards it."""
+    """Order of the elements in depth, and the number of halvings towards an edge in depth."""
 
     order: int = 4
     halvings: int = 0
@@ -81,14 +79,14 @@ class Layers:
         self.scale = (radius_mm / solid.depth_mm) ** 2
         mass, rise = self._part(_mass, 0.0, 1.0), self._part(_rise, 0.0, 1.0)
         values, vectors = eigh(rise * self.scale, mass)
-        # Without an edge in depth nothing but the mean is ever met.
+        # Without an edge in depth only the mean is excited.
         count = len(values) if inner else 1
         self.eigen, self.vectors = np.maximum(values[:count], 0.0), vectors[:, :count]
         self.eigen[0] = 0.0
         self.vectors[:, 0] /= self._mean(mass)
 
     def _mean(self, mass: np.ndarray) -> float:
-        """The first eigenvector's value, constant, where 1 is wanted."""
+        """The constant value of the first eigenvector, which is normalised to 1."""
         basis = Basis(self.mesh, self.element, intorder=2)
         return float(np.asarray(basis.interpolate(self.vectors[:, 0])).ravel()[0])
 
@@ -99,13 +97,13 @@ class Layers:
         return form.assemble(basis).toarray()
 
     def within(self, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
-        """(nz, nz): mass and stiffness of a part of the depth."""
+        """The mass and stiffness (nz, nz) of a part of the depth."""
         mass = self.vectors.T @ self._part(_mass, low, high) @ self.vectors
         return mass, self.scale * (self.vectors.T @ self._part(_rise, low, high) @ self.vectors)
 
 
 class Body:
-    """As `boundary.Body`, of a body. Raises ValueError for another rim than a circle or a
+    """`boundary.Body` in three dimensions. Raises ValueError for a rim that is not round, or a
     conductivity with direction or tilt."""
 
     def __init__(
@@ -131,37 +129,39 @@ class Body:
         gap = self._between()
         if clearance_mm is not None:
             gap = min(gap, clearance_mm / shape.radius_mm)
-        wanted = 1 + int(np.ceil(FADE * self.depth / (2.0 * np.pi * gap)))
-        self.far = min(wanted, count)
+        sheet_count = 1 + int(np.ceil(FADE * self.depth / (2.0 * np.pi * gap)))
+        self.far = min(sheet_count, count)
         self.face = self.layers.within(*solid.face())[0]
-        self._own: dict[tuple, np.ndarray] = {}
+        self._near_potential: dict[tuple, np.ndarray] = {}
 
     def _between(self) -> float:
         """Half the least distance between electrodes, in radii."""
-        first, last = self.flat.first, self.flat.last
-        order = np.argsort(first % (2.0 * np.pi))
-        return 0.5 * ((np.roll(first[order], -1) - last[order]) % (2.0 * np.pi)).min()
+        starts, stops = self.flat.starts, self.flat.stops
+        order = np.argsort(starts % (2.0 * np.pi))
+        return 0.5 * ((np.roll(starts[order], -1) - stops[order]) % (2.0 * np.pi)).min()
 
     @cached_property
     def base(self) -> elements.Place:
         """The body without inclusions."""
         return elements.Place(self.flat, ())
 
-    def own(self, electrode: int) -> np.ndarray:
-        """(near, E, E): potential on an electrode's arc of unit currents there in each sheet that
-        does not reach from it to others; electrodes equal in width and sides share it."""
+    def near_potential(self, electrode: int) -> np.ndarray:
+        """(near, E, E): the potential on an electrode's arc of unit currents there, in each sheet
+        that does not reach other electrodes; shared by electrodes of equal width and sides."""
         domain = self.base.domain
         sides = self.flat.electrode_sides(domain.mesh.angles[0])[electrode]
-        width = self.flat.last[electrode] - self.flat.first[electrode]
+        width = self.flat.stops[electrode] - self.flat.starts[electrode]
         key = (round(float(width), 12), len(sides))
-        if key not in self._own:
-            middle = 0.5 * (self.flat.first[electrode] + self.flat.last[electrode])
+        if key not in self._near_potential:
+            middle = 0.5 * (self.flat.starts[electrode] + self.flat.stops[electrode])
             places = domain.mesh.place[domain.mesh.corners].mean(axis=1)
-            away = np.abs(places - np.exp(1j * middle)) - np.sin(0.5 * width)
-            triangles = np.flatnonzero(away < ALONE * self.depth)
+            distance = np.abs(places - np.exp(1j * middle)) - np.sin(0.5 * width)
+            triangles = np.flatnonzero(distance < LOCAL_DEPTHS * self.depth)
             dofs = arc_dofs(domain, sides)
-            self._own[key] = alone(domain, triangles, dofs, self.layers.eigen[self.far :])
-        return self._own[key]
+            self._near_potential[key] = local_responses(
+                domain, triangles, dofs, self.layers.eigen[self.far :]
+            )
+        return self._near_potential[key]
 
     def contact(self, length: np.ndarray) -> "Contact":
         """The contacts closed: length (n,) = z sigma, in radii."""
@@ -174,29 +174,31 @@ class Body:
 
 def arc_dofs(domain: Domain, sides: np.ndarray) -> np.ndarray:
     """Degrees of freedom on adjacent sides of the rim, in the order of the rim."""
-    dofs, first = domain.side_dofs(0)[sides], domain.mesh.nodes[0][sides]
-    found = []
-    for row, start in zip(dofs, first, strict=True):
-        onward = domain.dofs.nodal_dofs[0, start] == row[0]
-        inner = row[2:] if onward else row[:1:-1]
-        found.append(np.concatenate([row[:1] if onward else row[1:2], inner]))
-    last = dofs[-1][1] if found[-1][0] == dofs[-1][0] else dofs[-1][0]
-    return np.append(np.concatenate(found), last)
+    dofs, start_nodes = domain.side_dofs(0)[sides], domain.mesh.nodes[0][sides]
+    dof_list = []
+    for row, start in zip(dofs, start_nodes, strict=True):
+        is_forward = domain.dofs.nodal_dofs[0, start] == row[0]
+        inner = row[2:] if is_forward else row[:1:-1]
+        dof_list.append(np.concatenate([row[:1] if is_forward else row[1:2], inner]))
+    end_dof = dofs[-1][1] if dof_list[-1][0] == dofs[-1][0] else dofs[-1][0]
+    return np.append(np.concatenate(dof_list), end_dof)
 
 
-def alone(domain: Domain, triangles: np.ndarray, dofs: np.ndarray, eigen: np.ndarray) -> np.ndarray:
-    """(len(eigen), D, D): potential at dofs of unit currents there in sheets of `eigen`, in a part
-    of the mesh that nothing leaves."""
+def local_responses(
+    domain: Domain, triangles: np.ndarray, dofs: np.ndarray, eigen: np.ndarray
+) -> np.ndarray:
+    """(len(eigen), D, D): the potential at dofs of unit currents there in sheets of `eigen`, in an
+    insulated part of the mesh."""
     used = np.unique(domain.dofs.element_dofs[:, triangles])
     stiffness = domain.stiffness(triangles)[used][:, used]
     mass = domain.matrix(_mass, triangles)[used][:, used]
     ends = units(len(used), np.searchsorted(used, dofs))
-    found = [seen_from((stiffness + k * mass).tocsc(), ends) for k in eigen]
-    return np.array(found).reshape(len(eigen), len(dofs), len(dofs))
+    responses = [seen_from((stiffness + k * mass).tocsc(), ends) for k in eigen]
+    return np.array(responses).reshape(len(eigen), len(dofs), len(dofs))
 
 
 class Contact:
-    """Currents on every electrode's arc, sheet by sheet, for what drives them there."""
+    """The currents on every electrode's arc, by sheet, for the driving potentials there."""
 
     def __init__(self, body: Body, length: np.ndarray):
         self.body = body
@@ -205,26 +207,26 @@ class Contact:
         solved: dict = {}
         self.responses = []
         for electrode, zeta in enumerate(length.tolist()):
-            own = body.own(electrode)
-            key = (id(own), zeta)
+            near_response = body.near_potential(electrode)
+            key = (id(near_response), zeta)
             if key not in solved:
                 dofs = arc_dofs(domain, sides[electrode])
                 mass = domain.rim_part(sides[electrode])[0][dofs][:, dofs].toarray() / zeta
-                solved[key] = self._response(mass, own)
+                solved[key] = self._response(mass, near_response)
             self.responses.append(solved[key])
 
-    def _response(self, mass: np.ndarray, own: np.ndarray) -> np.ndarray:
-        """(far E, far E): currents for potentials of the electrode above the sheets that reach,
-        the others eliminated."""
+    def _response(self, mass: np.ndarray, near_response: np.ndarray) -> np.ndarray:
+        """(far E, far E): the currents for potentials of the electrode above the far sheets, the
+        others eliminated."""
         far, size = self.body.far, len(mass)
         robin = np.kron(self.body.face, mass)
-        near = block_diag(np.zeros((far * size, far * size)), *own)
-        whole = np.linalg.solve(np.eye(len(robin)) + robin @ near, robin)
-        return whole[: far * size, : far * size]
+        near_matrix = block_diag(np.zeros((far * size, far * size)), *near_response)
+        all_sheets = np.linalg.solve(np.eye(len(robin)) + robin @ near_matrix, robin)
+        return all_sheets[: far * size, : far * size]
 
 
 class Place:
-    """A touch at a definite place on a slab."""
+    """A touch at a given place on a slab."""
 
     def __init__(self, body: Body, discs: tuple[Disc, ...]):
         if len(discs) > 1:
@@ -233,9 +235,9 @@ class Place:
         self.flat = body.base
         if discs:
             self.flat = elements.Place(body.flat, discs, body.flat.empty.angles[0][:-1])
-        # A touch through all of the depth couples no sheets: it meets those that electrodes make.
-        self.met = body.far if body.solid.dent == 1.0 else len(body.layers.eigen)
-        self._latest: tuple | None = None
+        # A touch through the full depth couples no sheets: only the far ones matter to it.
+        self.sheet_count = body.far if body.solid.dent == 1.0 else len(body.layers.eigen)
+        self._cached: tuple | None = None
 
     @cached_property
     def matrices(self) -> tuple[csc_matrix, csc_matrix]:
@@ -253,30 +255,32 @@ class Place:
         inner = np.setdiff1d(np.unique(domain.dofs.element_dofs[:, triangles]), edge)
         return domain.stiffness(triangles), domain.matrix(_mass, triangles), edge, inner
 
-    def drawn(self, eigen: float) -> np.ndarray:
-        """(C, C): what the disc of conductivity 1 draws at its edge in a sheet."""
+    def edge_matrix(self, eigen: float) -> np.ndarray:
+        """(C, C): the Schur complement at its edge of the disc with conductivity 1 in a sheet."""
         stiffness, mass, edge, inner = self.inside
         return condensed((stiffness + eigen * mass).tocsc(), edge, inner)
 
     @cached_property
     def untouched(self) -> list[np.ndarray]:
-        """`drawn` in every sheet that a touch meets."""
-        return [self.drawn(eigen) for eigen in self.body.layers.eigen[: self.met]]
+        """`edge_matrix` in every sheet that a touch couples to."""
+        return [self.edge_matrix(eigen) for eigen in self.body.layers.eigen[: self.sheet_count]]
 
     @cached_property
-    def near(self) -> np.ndarray:
-        """(near, C, C): potential at the edge of unit currents there in the sheets that the touch
-        meets but that do not reach the electrodes."""
+    def near_response(self) -> np.ndarray:
+        """(near, C, C): the potential at the edge of unit currents there, in the sheets that the
+        touch couples to but that do not reach the electrodes."""
         domain, disc, body = self.flat.domain, self.discs[0], self.body
         r = body.flat.shape.radius_mm
         places = domain.mesh.place[domain.mesh.corners].mean(axis=1)
-        away = np.abs(places - complex(disc.x_mm, disc.y_mm) / r) - disc.radius_mm / r
-        triangles = np.flatnonzero(away < ALONE * body.depth)
-        return alone(domain, triangles, self.inside[2], body.layers.eigen[body.far : self.met])
+        distance = np.abs(places - complex(disc.x_mm, disc.y_mm) / r) - disc.radius_mm / r
+        triangles = np.flatnonzero(distance < LOCAL_DEPTHS * body.depth)
+        return local_responses(
+            domain, triangles, self.inside[2], body.layers.eigen[body.far : self.sheet_count]
+        )
 
-    def _met(self, contact: Contact) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """As `elements.Place._met`, in all sheets: (n, n), (nz C, n), (nz C, nz C)."""
-        if self._latest is None or self._latest[0] is not contact:
+    def _untouched_system(self, contact: Contact) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """As `elements.Place._untouched_system`, in all sheets: (n, n), (nz C, n), (nz C, nz C)."""
+        if self._cached is None or self._cached[0] is not contact:
             body, domain = self.body, self.flat.domain
             far, n, size = body.far, body.n, domain.size
             stiffness, mass = self.matrices
@@ -284,11 +288,13 @@ class Place:
             sides = body.flat.electrode_sides(domain.mesh.angles[0])
             loads, total = np.zeros((far * size, n)), np.zeros(n)
             rows, columns, entries = [], [], []
-            for i, (mine, response) in enumerate(zip(sides, contact.responses, strict=True)):
-                dofs = arc_dofs(domain, mine)
+            for i, (electrode_sides, response) in enumerate(
+                zip(sides, contact.responses, strict=True)
+            ):
+                dofs = arc_dofs(domain, electrode_sides)
                 index = (dofs + size * np.arange(far)[:, None]).ravel()
-                first = response[:, : len(dofs)].sum(axis=1)
-                loads[index, i], total[i] = first, first[: len(dofs)].sum()
+                row_sums = response[:, : len(dofs)].sum(axis=1)
+                loads[index, i], total[i] = row_sums, row_sums[: len(dofs)].sum()
                 rows.append(np.repeat(index, len(index)))
                 columns.append(np.tile(index, len(index)))
                 entries.append(response.ravel())
@@ -298,13 +304,15 @@ class Place:
             edge = self.inside[2] if self.discs else np.zeros(0, int)
             edges = units(far * size, (edge + size * np.arange(far)[:, None]).ravel())
             ends = hstack([csc_matrix(loads), edges], "csc")
-            seen = seen_from((system + electrodes).tocsc(), ends)
-            admittance = np.diag(total) - seen[:n, :n]
-            near = self.near if self.discs else np.zeros((0, 0, 0))
-            felt = np.vstack([seen[n:, :n], np.zeros((near.shape[0] * len(edge), n))])
-            among = block_diag(seen[n:, n:], *near)
-            self._latest = contact, admittance, felt, among
-        return self._latest[1:]
+            end_response = seen_from((system + electrodes).tocsc(), ends)
+            admittance = np.diag(total) - end_response[:n, :n]
+            near_response = self.near_response if self.discs else np.zeros((0, 0, 0))
+            edge_potential = np.vstack(
+                [end_response[n:, :n], np.zeros((near_response.shape[0] * len(edge), n))]
+            )
+            among = block_diag(end_response[n:, n:], *near_response)
+            self._cached = contact, admittance, edge_potential, among
+        return self._cached[1:]
 
     def admittance(
         self, contact: Contact, contrast: Sequence[float], radial: Radial | None = None
@@ -313,19 +321,19 @@ class Place:
         Raises ValueError for a touch that is not sharp."""
         if radial is not None:
             raise ValueError("a slab needs sharp touches")
-        untouched, felt, among = self._met(contact)
+        untouched, edge_potential, among = self._untouched_system(contact)
         if not any(contrast):
             return untouched
         layers, dent = self.body.layers, self.body.solid.dent
         if dent == 1.0:
-            more = contrast[0] * block_diag(*self.untouched)
+            added = contrast[0] * block_diag(*self.untouched)
         else:
             mass, rise = layers.within(1.0 - dent, 1.0)
             mass = np.eye(len(mass)) + contrast[0] * mass
             rise = np.diag(layers.eigen) + contrast[0] * rise
             eigen, vectors = eigh(rise, mass)
-            more = block_diag(*(-part for part in self.untouched))
+            added = block_diag(*(-part for part in self.untouched))
             for share, value in zip(vectors.T @ mass, np.maximum(eigen, 0.0), strict=True):
-                more += np.kron(np.outer(share, share), self.drawn(value))
-        change = np.linalg.solve(np.eye(len(more)) + more @ among, more @ felt)
-        return untouched + felt.T @ change
+                added += np.kron(np.outer(share, share), self.edge_matrix(value))
+        change = np.linalg.solve(np.eye(len(added)) + added @ among, added @ edge_potential)
+        return untouched + edge_potential.T @ change

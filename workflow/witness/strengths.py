@@ -1,7 +1,8 @@
-"""Effects as they are drawn: where they sit, and how they grow with one strength.
+"""Random effects: their sites, and how they grow with one strength.
 
-`DRAWN[name](rng, scene)` returns a Strength: `at(a)` is the law at strength a, which does nothing
-at 0, `unit` a typical strength and `most` the largest that is physical (None: it has no strength).
+`DRAWN[name](rng, scene)` returns a Strength: `law_at(a)` is the law at strength a, without effect
+at 0, `unit` a typical strength and `max_strength` the largest physical one (None: no strength).
+Units and largest strengths are those of plausible skins and rigs.
 """
 
 from collections.abc import Callable
@@ -17,17 +18,16 @@ from eitskin.physics.skin import Skin
 class Strength:
     """One drawn effect; scope: sparse, common or dense."""
 
-    at: Callable[[float], dict]
+    law_at: Callable[[float], dict]
     unit: float | None
-    most: float | None
+    max_strength: float | None
     scope: str
 
 
 @dataclass(frozen=True)
 class Scene:
-    """What effects may be drawn for: the believed skin, its untouched frame (M,) V,
-    channels (M, 4), where a patch may lie (x, y, radius, mm), whether the sink is grounded, how
-    thick the skin is."""
+    """The scene of an effect: the nominal skin, its untouched frame (M,) V, channels (M, 4), the
+    disc of a patch (x, y, radius, mm), whether the sink is grounded, and the skin's thickness."""
 
     skin: Skin
     channels: np.ndarray
@@ -38,7 +38,7 @@ class Scene:
 
     @property
     def n(self) -> int:
-        """Electrodes."""
+        """The number of electrodes."""
         assert self.skin.electrode_deg is not None
         return len(self.skin.electrode_deg)
 
@@ -53,7 +53,7 @@ Parameters = Callable[[np.random.Generator, Scene], Callable[[float], dict]]
 
 
 def _spread(rng: np.random.Generator, size: int) -> np.ndarray:
-    """Standard normal values, none lost to rounding."""
+    """Standard normal values, rounded so that a file holds them exactly."""
     return np.round(rng.standard_normal(size), 3)
 
 
@@ -68,57 +68,64 @@ def _scope(rng: np.random.Generator, common: bool, dense: bool = True) -> str:
     return "dense" if dense and u > 0.85 else "sparse"
 
 
-def _sited(
-    name: str,
-    kind: str,
-    key: str,
-    unit: float,
-    most: float,
-    value: Callable[[float, Scene], float],
-    common: bool,
-) -> Drawer:
-    """A drawer for an effect with sites: value(x, scene) of the parameter at x =
-    strength times sign or normal value."""
+@dataclass(frozen=True)
+class _Sited:
+    """A drawer for an effect with sites: value(x, scene) is the parameter `key` at x = strength
+    times a sign or normal value; common: whether it may be the same for all sites."""
 
-    def draw(rng: np.random.Generator, scene: Scene) -> Strength:
-        count = len(scene.channels) if kind == "channels" else scene.n
-        scope = _scope(rng, common)
+    name: str
+    kind: str
+    key: str
+    unit: float
+    max_strength: float
+    value: Callable[[float, Scene], float]
+    common: bool
+
+    def __call__(self, rng: np.random.Generator, scene: Scene) -> Strength:
+        """The effect with its sites and directions drawn."""
+        count = len(scene.channels) if self.kind == "channels" else scene.n
+        scope = _scope(rng, self.common)
         if scope == "dense":
             direction = _spread(rng, count)
-            sites = {kind: list(range(count))}
-            top = most / np.abs(direction).max()
+            sites = {self.kind: list(range(count))}
+            largest = self.max_strength / np.abs(direction).max()
         else:
-            size = int(rng.integers(1, 4)) if kind == "channels" else 1 + (rng.uniform() < 0.2)
-            chosen = sorted(rng.choice(count, size, replace=False).tolist())
-            sites = {kind: chosen} if scope == "sparse" else {}
-            direction = np.array([_sign(rng)] * (len(chosen) if sites else 1))
-            if len(chosen) > 1 and sites:
-                direction[1:] *= np.round(rng.uniform(0.5, 1.0, len(chosen) - 1), 3)
-            top = most
+            channels = self.kind == "channels"
+            size = int(rng.integers(1, 4)) if channels else 1 + (rng.uniform() < 0.2)
+            site_list = sorted(rng.choice(count, size, replace=False).tolist())
+            sites = {self.kind: site_list} if scope == "sparse" else {}
+            direction = np.array([_sign(rng)] * (len(site_list) if sites else 1))
+            if len(site_list) > 1 and sites:
+                direction[1:] *= np.round(rng.uniform(0.5, 1.0, len(site_list) - 1), 3)
+            largest = self.max_strength
 
-        def at(a: float) -> dict:
-            values = [float(value(x, scene)) for x in a * direction]
-            return {"name": name, **sites, "parameters": {key: values if sites else values[0]}}
+        def law_at(a: float) -> dict:
+            values = [float(self.value(x, scene)) for x in a * direction]
+            parameters = {self.key: values if sites else values[0]}
+            return {"name": self.name, **sites, "parameters": parameters}
 
-        return Strength(at, unit, float(top), scope)
-
-    return draw
+        return Strength(law_at, self.unit, float(largest), scope)
 
 
 def _plain(
-    name: str, unit: float, most: float, parameters: Parameters, signed: bool = True
+    name: str, unit: float, max_strength: float, parameters: Parameters, signed: bool = True
 ) -> Drawer:
     """A drawer for an effect without sites: parameters(rng, scene) gives a -> its parameters."""
 
     def draw(rng: np.random.Generator, scene: Scene) -> Strength:
         sign = _sign(rng) if signed else 1.0
-        of = parameters(rng, scene)
-        return Strength(lambda a: {"name": name, "parameters": of(sign * a)}, unit, most, "common")
+        parameters_at = parameters(rng, scene)
+        return Strength(
+            lambda a: {"name": name, "parameters": parameters_at(sign * a)},
+            unit,
+            max_strength,
+            "common",
+        )
 
     return draw
 
 
-def _one(key: str, neutral: float = 0.0) -> Parameters:
+def _shifted(key: str, neutral: float = 0.0) -> Parameters:
     return lambda rng, scene: lambda a: {key: neutral + a}
 
 
@@ -175,7 +182,7 @@ def _relaxation(rng: np.random.Generator, scene: Scene) -> Callable[[float], dic
 
 
 def _impedance_with_force(rng: np.random.Generator, scene: Scene) -> Strength:
-    draw = _sited(
+    draw = _Sited(
         "force-dependent-impedance", "electrodes", "per_N", 0.1, 5.0, lambda x, s: abs(x), True
     )
     strength = draw(rng, scene)
@@ -183,15 +190,15 @@ def _impedance_with_force(rng: np.random.Generator, scene: Scene) -> Strength:
     assert radius is not None
     range_mm = round(radius * rng.uniform(0.3, 0.8), 1) if strength.scope != "sparse" else None
 
-    def at(a: float) -> dict:
-        law = strength.at(a)
+    def law_at(a: float) -> dict:
+        law = strength.law_at(a)
         return {**law, "parameters": {**law["parameters"], "range_mm": range_mm}}
 
-    return Strength(at, strength.unit, strength.most, strength.scope)
+    return Strength(law_at, strength.unit, strength.max_strength, strength.scope)
 
 
 def _drift(rng: np.random.Generator, scene: Scene) -> Strength:
-    draw = _sited("contact-drift", "electrodes", "per_minute", 0.02, 0.1, lambda x, s: x, True)
+    draw = _Sited("contact-drift", "electrodes", "per_minute", 0.02, 0.1, lambda x, s: x, True)
     return draw(rng, scene)
 
 
@@ -220,16 +227,16 @@ def _fixed(name: str, size: int) -> Drawer:
 
 
 def _deep(rng: np.random.Generator, scene: Scene) -> Strength:
-    given = scene.skin.thickness_mm is not None
+    is_known = scene.skin.thickness_mm is not None
     law: dict[str, Any] = {"name": "third-dimension"}
-    law["parameters"] = {} if given else {"depth_mm": scene.depth_mm}
+    law["parameters"] = {} if is_known else {"depth_mm": scene.depth_mm}
     return Strength(lambda a: law, None, None, "common")
 
 
 def _offset(rng: np.random.Generator, scene: Scene) -> Strength:
     kind = "measures" if rng.uniform() < 0.7 else "channels"
     median = scene.median_V
-    return _sited("offset", kind, "volt", 0.05, 3.0, lambda x, s: x * median, False)(rng, scene)
+    return _Sited("offset", kind, "volt", 0.05, 3.0, lambda x, s: x * median, False)(rng, scene)
 
 
 def _width(x: float, scene: Scene) -> float:
@@ -238,11 +245,11 @@ def _width(x: float, scene: Scene) -> float:
 
 
 DRAWN: dict[str, Drawer] = {
-    "contact-impedance": _sited(
+    "contact-impedance": _Sited(
         "contact-impedance", "electrodes", "ratio", 0.3, 1.6, lambda x, s: np.exp(x), True
     ),
-    "electrode-width": _sited("electrode-width", "electrodes", "width_mm", 0.1, 0.6, _width, True),
-    "electrode-position": _sited(
+    "electrode-width": _Sited("electrode-width", "electrodes", "width_mm", 0.1, 0.6, _width, True),
+    "electrode-position": _Sited(
         "electrode-position", "electrodes", "shift_deg", 0.3, 5.0, lambda x, s: x, False
     ),
     "electrode-open": _fixed("electrode-open", 1),
@@ -259,34 +266,34 @@ DRAWN: dict[str, Drawer] = {
     "conductivity-patch": _plain("conductivity-patch", 0.2, 1.6, _patch),
     "third-dimension": _deep,
     "ground-leak": _leak,
-    "drive-gain": _sited("drive-gain", "drives", "gain", 0.02, 0.5, lambda x, s: 1 + x, False),
-    "measurement-gain": _sited(
+    "drive-gain": _Sited("drive-gain", "drives", "gain", 0.02, 0.5, lambda x, s: 1 + x, False),
+    "measurement-gain": _Sited(
         "measurement-gain", "measures", "gain", 0.02, 0.5, lambda x, s: 1 + x, False
     ),
-    "channel-gain": _sited(
+    "channel-gain": _Sited(
         "channel-gain", "channels", "gain", 0.05, 0.9, lambda x, s: 1 + x, False
     ),
     "offset": _offset,
-    "crosstalk": _plain("crosstalk", 0.01, 0.24, _one("epsilon")),
-    "common-mode": _plain("common-mode", 0.01, 0.5, _one("ratio")),
-    "multiplexer-memory": _plain("multiplexer-memory", 0.01, 0.5, _one("mu"), signed=False),
-    "frame-skew": _plain("frame-skew", 0.1, 0.5, _one("fraction")),
+    "crosstalk": _plain("crosstalk", 0.01, 0.24, _shifted("epsilon")),
+    "common-mode": _plain("common-mode", 0.01, 0.5, _shifted("ratio")),
+    "multiplexer-memory": _plain("multiplexer-memory", 0.01, 0.5, _shifted("mu"), signed=False),
+    "frame-skew": _plain("frame-skew", 0.1, 0.5, _shifted("fraction")),
     "adc-nonlinearity": _plain("adc-nonlinearity", 0.02, 0.5, _converter),
     "mains-interference": _plain("mains-interference", 0.03, 3.0, _mains, signed=False),
     "touch-contrast": _plain("touch-contrast", 0.2, 1.6, _ratio("ratio")),
-    "contact-law": _plain("contact-law", 0.1, 0.6, _one("exponent", 1.0)),
-    "contact-area-growth": _plain("contact-area-growth", 0.05, 0.35, _one("exponent"), False),
+    "contact-law": _plain("contact-law", 0.1, 0.6, _shifted("exponent", 1.0)),
+    "contact-area-growth": _plain("contact-area-growth", 0.05, 0.35, _shifted("exponent"), False),
     "probe-radius": _plain("probe-radius", 0.05, 0.5, _ratio("ratio")),
     "indenter-grounding": _plain(
-        "indenter-grounding", 1e-4, 0.1, _one("siemens_per_N"), signed=False
+        "indenter-grounding", 1e-4, 0.1, _shifted("siemens_per_N"), signed=False
     ),
     "force-dependent-impedance": _impedance_with_force,
-    "force-dependent-gain": _plain("force-dependent-gain", 0.003, 0.09, _one("per_N")),
-    "force-lag": _plain("force-lag", 0.2, 3.0, _one("lag_s")),
-    "force-offset": _plain("force-offset", 0.2, 2.0, _one("offset_N")),
+    "force-dependent-gain": _plain("force-dependent-gain", 0.003, 0.09, _shifted("per_N")),
+    "force-lag": _plain("force-lag", 0.2, 3.0, _shifted("lag_s")),
+    "force-offset": _plain("force-offset", 0.2, 2.0, _shifted("offset_N")),
     "registration": _plain("registration", 0.5, 6.0, _registration, signed=False),
     "relaxation": _plain("relaxation", 0.1, 0.95, _relaxation, signed=False),
-    "hysteresis": _plain("hysteresis", 0.1, 0.95, _one("fraction")),
-    "conductivity-drift": _plain("conductivity-drift", 0.005, 0.1, _one("per_minute")),
+    "hysteresis": _plain("hysteresis", 0.1, 0.95, _shifted("fraction")),
+    "conductivity-drift": _plain("conductivity-drift", 0.005, 0.1, _shifted("per_minute")),
     "contact-drift": _drift,
 }

@@ -1,8 +1,8 @@
 """Unstructured meshes of a skin: triangles that follow its rim, its electrodes' ends and circles.
 
-Delaunay's triangulation of the curves' nodes, refined by circumcentres until every triangle is as
-small as is wanted where it lies and none is thin (Chew 1989, Ruppert 1995); curves are never
-split. Complex places in units of the skin's radius.
+Delaunay triangulation of the curves' nodes, refined by circumcentres until every triangle has the
+size wanted at its place and none is thin (Chew 1989, Ruppert 1995); curves are never split. Complex
+places in units of the skin's radius.
 """
 
 from collections.abc import Callable
@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import Delaunay, cKDTree
 
-SLOPE = 1.0  # the wanted size grows with the distance from what asks for small triangles
-THIN = 1.5  # circumradius over shortest side
-ROUNDS = 60
+SLOPE = 1.0  # growth of the wanted size with the distance from a fine region
+THIN = 1.5  # circumradius over shortest side, above which a triangle is refined
+ROUNDS = 60  # of refinement at most; a mesh needs some twenty
 
 
 @dataclass(frozen=True)
@@ -25,35 +25,35 @@ class Curve:
     fixed: np.ndarray
 
     def nodes(self, size: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-        """Ascending angles of nodes, as near to each other as `size` at places wants."""
+        """Ascending angles of nodes with distances `size` at their places."""
         ends = np.unique(self.fixed % (2.0 * np.pi))
-        found = []
+        angles = []
         for start, stop in zip(ends, np.append(ends[1:], ends[0] + 2.0 * np.pi), strict=True):
-            # Fine where the ends are: the wanted size may be tiny there.
+            # Fine towards the ends, where the wanted size may be tiny.
             t = np.linspace(0.0, 1.0, 2001)
             phi = start + (stop - start) * (t * t * (3.0 - 2.0 * t))
             steps = self.speed(phi) / size(self.place(phi))
             count = np.append(0.0, np.cumsum(0.5 * (steps[1:] + steps[:-1]) * np.diff(phi)))
-            whole = max(1, int(np.ceil(count[-1])))
-            found.append(np.interp(count[-1] * np.arange(whole) / whole, count, phi))
-        return np.concatenate(found)
+            panel_count = max(1, int(np.ceil(count[-1])))
+            angles.append(np.interp(count[-1] * np.arange(panel_count) / panel_count, count, phi))
+        return np.concatenate(angles)
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """Wanted sides of triangles: near[k] at at[k], growing by SLOPE with the distance, `most` at
-    the most."""
+    """Wanted sides of triangles: sides[k] at points[k], growing by SLOPE with the distance up to
+    `max_size`."""
 
-    at: np.ndarray
-    near: np.ndarray
-    most: float
+    points: np.ndarray
+    sides: np.ndarray
+    max_size: float
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
-        """Wanted side at places x."""
-        wanted = np.full(x.shape, self.most)
-        for at, near in zip(self.at, self.near, strict=True):
-            wanted = np.minimum(wanted, near + SLOPE * np.abs(x - at))
-        return wanted
+        """The wanted side at places x."""
+        sides = np.full(x.shape, self.max_size)
+        for point, side in zip(self.points, self.sides, strict=True):
+            sides = np.minimum(sides, side + SLOPE * np.abs(x - point))
+        return sides
 
 
 @dataclass(frozen=True)
@@ -73,24 +73,24 @@ def _circumcentre(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     return a + 1j * (v * np.abs(u) ** 2 - u * np.abs(v) ** 2) * -1.0 / cross
 
 
-def _kept(place: np.ndarray, rim: np.ndarray) -> np.ndarray:
-    """(T, 3) triangles of all places that lie within the rim, its nodes `rim` in order."""
+def _triangles_within(place: np.ndarray, rim: np.ndarray) -> np.ndarray:
+    """(T, 3): the triangles of all places within the rim, whose nodes are `rim` in order."""
     corners = Delaunay(np.column_stack([place.real, place.imag])).simplices
     a, b, c = place[corners].T
     area = 0.5 * (np.conj(b - a) * (c - a)).imag
     corners[area < 0] = corners[area < 0][:, [0, 2, 1]]
     rank = np.full(len(place), -1)
     rank[rim] = np.arange(len(rim))
-    at = np.sort(rank[corners], axis=1)
+    rim_rank = np.sort(rank[corners], axis=1)
     # All three corners on the rim: within it where the rim's polygon, anticlockwise, turns so.
-    on_rim = at[:, 0] >= 0
-    p, q, r = place[rim[at]].T
+    on_rim = rim_rank[:, 0] >= 0
+    p, q, r = place[rim[rim_rank]].T
     outside = on_rim & ((np.conj(q - p) * (r - p)).imag <= 1e-14)
     return corners[~outside]
 
 
-def _missing(corners: np.ndarray, nodes: list[np.ndarray], count: int) -> int:
-    """How many of the curves' sides are no triangle's."""
+def _missing_sides(corners: np.ndarray, nodes: list[np.ndarray], count: int) -> int:
+    """The number of the curves' sides that are not sides of a triangle."""
     sides = np.sort(np.vstack([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]), axis=1)
     have = set((sides[:, 0] * count + sides[:, 1]).tolist())
     lacking = 0
@@ -103,22 +103,22 @@ def _missing(corners: np.ndarray, nodes: list[np.ndarray], count: int) -> int:
 def _on_curves(
     curves: list[Curve], angles: list[np.ndarray]
 ) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Places (P,) of the curves' nodes at their angles, those where curves meet once; of each curve
-    its nodes (K,) among them."""
+    """The places (P,) of the curves' nodes at their angles, with common nodes once, and the nodes
+    (K,) of each curve among them."""
     place = np.zeros(0, complex)
     nodes = []
     for curve, phi in zip(curves, angles, strict=True):
-        at = curve.place(phi)
-        index = np.arange(len(place), len(place) + len(at))
+        curve_places = curve.place(phi)
+        index = np.arange(len(place), len(place) + len(curve_places))
         if len(place):
-            apart, same = cKDTree(np.column_stack([place.real, place.imag])).query(
-                np.column_stack([at.real, at.imag])
+            distance, nearest_node = cKDTree(np.column_stack([place.real, place.imag])).query(
+                np.column_stack([curve_places.real, curve_places.imag])
             )
-            met = apart < 1e-12
-            index = np.where(met, same, len(place) + np.cumsum(~met) - 1)
-            at = at[~met]
+            is_shared = distance < 1e-12
+            index = np.where(is_shared, nearest_node, len(place) + np.cumsum(~is_shared) - 1)
+            curve_places = curve_places[~is_shared]
         nodes.append(index)
-        place = np.concatenate([place, at])
+        place = np.concatenate([place, curve_places])
     return place, nodes
 
 
@@ -130,9 +130,9 @@ def triangulate(
 ) -> Mesh:
     """The mesh within the first curve, the rim; others lie inside it and may cross at `fixed`.
 
-    size: the wanted side of a triangle at places; start: places within the rim to begin with,
-    kept where they are far enough from the curves; rim: the angles of the rim's nodes. Raises
-    ValueError where no mesh follows all curves.
+    size: the wanted side of a triangle at places; start: initial places within the rim, used where
+    they are far enough from the curves; rim: the angles of the rim's nodes. Raises ValueError where
+    no mesh follows all curves.
     """
     angles = [curve.nodes(size) for curve in curves[1:]]
     angles.insert(0, curves[0].nodes(size) if rim is None else rim)
@@ -144,11 +144,11 @@ def triangulate(
     tree = cKDTree(np.column_stack([middle.real, middle.imag]))
     widest = half.max()
     if start is not None:
-        close = tree.query(np.column_stack([start.real, start.imag]))
-        clear = close[0] > np.maximum(1.1 * half[close[1]], 0.5 * size(start))
+        nearest = tree.query(np.column_stack([start.real, start.imag]))
+        clear = nearest[0] > np.maximum(1.1 * half[nearest[1]], 0.5 * size(start))
         place = np.concatenate([place, start[clear]])
     for _ in range(ROUNDS):
-        corners = _kept(place, nodes[0])
+        corners = _triangles_within(place, nodes[0])
         a, b, c = place[corners].T
         centre = _circumcentre(a, b, c)
         radius = np.abs(centre - a)
@@ -156,21 +156,21 @@ def triangulate(
         bad = np.maximum(radius / (0.62 * size((a + b + c) / 3.0)), radius / shortest / THIN)
         worst = np.flatnonzero(bad > 1.0)
         worst = worst[np.argsort(-radius[worst], kind="stable")]
-        chosen = centre[worst]
-        # None within the circle over a curve's side: it would hide the side.
-        spots = np.column_stack([chosen.real, chosen.imag])
-        free = np.ones(len(chosen), bool)
-        for i, close in enumerate(tree.query_ball_point(spots, widest)):
-            free[i] = np.all(np.abs(chosen[i] - middle[close]) > 1.02 * half[close])
-        free &= _within(chosen, place[nodes[0]])
-        chosen, reach = chosen[free], radius[worst][free]
-        new = _apart(chosen, 0.9 * reach)
+        centres = centre[worst]
+        # No centre within the circle over a curve's side, as it would remove the side.
+        spots = np.column_stack([centres.real, centres.imag])
+        free = np.ones(len(centres), bool)
+        for i, nearest in enumerate(tree.query_ball_point(spots, widest)):
+            free[i] = np.all(np.abs(centres[i] - middle[nearest]) > 1.02 * half[nearest])
+        free &= _within(centres, place[nodes[0]])
+        centres, reach = centres[free], radius[worst][free]
+        new = _well_separated(centres, 0.9 * reach)
         if not len(new):
             break
         place = np.concatenate([place, new])
     place = _smoothed(place, corners, fixed)
-    corners = _kept(place, nodes[0])
-    lacking = _missing(corners, nodes, len(place))
+    corners = _triangles_within(place, nodes[0])
+    lacking = _missing_sides(corners, nodes, len(place))
     if lacking:
         raise ValueError(f"no mesh follows the curves: {lacking} sides are missing")
     turns = [np.append(phi, phi[0] + 2.0 * np.pi) for phi in angles]
@@ -178,7 +178,7 @@ def triangulate(
 
 
 def _within(x: np.ndarray, rim: np.ndarray) -> np.ndarray:
-    """Whether places x lie within a polygon that is a star about 0."""
+    """Whether places x lie within a polygon that is star-shaped about 0."""
     angle = np.angle(rim)
     order = np.argsort(angle)
     angle, rim = angle[order], rim[order]
@@ -187,23 +187,23 @@ def _within(x: np.ndarray, rim: np.ndarray) -> np.ndarray:
     return (np.conj(b - a) * (x - a)).imag > 0
 
 
-def _apart(x: np.ndarray, reach: np.ndarray) -> np.ndarray:
-    """Of places x, in order, those that none before is within `reach` of."""
+def _well_separated(x: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """The places x, in order, without those within `reach` of an earlier accepted one."""
     if not len(x):
         return x
     tree = cKDTree(np.column_stack([x.real, x.imag]))
     close = tree.query_ball_point(np.column_stack([x.real, x.imag]), reach)
-    taken = np.ones(len(x), bool)
-    for i, others in enumerate(close):
-        if taken[i]:
-            later = [k for k in others if k > i]
-            taken[later] = False
-    return x[taken]
+    is_accepted = np.ones(len(x), bool)
+    for i, neighbours in enumerate(close):
+        if is_accepted[i]:
+            later = [k for k in neighbours if k > i]
+            is_accepted[later] = False
+    return x[is_accepted]
 
 
 def _smoothed(place: np.ndarray, corners: np.ndarray, fixed: int) -> np.ndarray:
-    """Free places moved towards the mean of their neighbours, where no triangle gets thinner
-    than the thinnest was."""
+    """Free places moved towards the mean of their neighbours, unless a triangle's quality would
+    fall below its present value and 0.5."""
     sides = np.vstack([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
     sides = np.unique(np.sort(sides, axis=1), axis=0)
     for _ in range(3):
@@ -211,19 +211,19 @@ def _smoothed(place: np.ndarray, corners: np.ndarray, fixed: int) -> np.ndarray:
         for i, j in (sides.T, sides.T[::-1]):
             np.add.at(total, i, place[j])
             np.add.at(count, i, 1.0)
-        moved = place.copy()
-        moved[fixed:] = 0.5 * (place[fixed:] + total[fixed:] / count[fixed:])
-        spoiled = _quality(moved, corners) < np.minimum(0.5, _quality(place, corners))
-        stay = np.unique(corners[spoiled])
-        moved[stay] = place[stay]
-        if (_quality(moved, corners) <= 0.0).any():
+        smoothed = place.copy()
+        smoothed[fixed:] = 0.5 * (place[fixed:] + total[fixed:] / count[fixed:])
+        spoiled = _quality(smoothed, corners) < np.minimum(0.5, _quality(place, corners))
+        kept_nodes = np.unique(corners[spoiled])
+        smoothed[kept_nodes] = place[kept_nodes]
+        if (_quality(smoothed, corners) <= 0.0).any():
             break
-        place = moved
+        place = smoothed
     return place
 
 
 def _quality(place: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Twice the inradius over the circumradius with the orientation's sign, 1 at best."""
+    """Twice the inradius over the circumradius, with the sign of the orientation; at most 1."""
     a, b, c = place[corners].T
     x, y, z = np.abs(b - a), np.abs(c - b), np.abs(a - c)
     area = 0.5 * (np.conj(b - a) * (c - a)).imag

@@ -1,7 +1,7 @@
-"""More physics that no name of the catalogue describes, kept from every calibration.
+"""More physics outside the catalogue, excluded from every calibration.
 
-As the laws of `witness.outside`, but nothing was tuned on these or diagnosed with them while the
-diagnosis was being written: they are for a last, sealed block.
+Laws as in `witness.outside`, on which nothing was tuned or diagnosed while the diagnosis was being
+written: they are for a last, sealed block.
 """
 
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from witness import laws as known
+from witness import laws as catalogue
 from witness.boundary import Disc
 from witness.outside import Asked, Outside, Scene, Touches
 
@@ -19,7 +19,7 @@ def _seconds(rows: Touches) -> np.ndarray:
 
 
 def _largest_so_far(rows: Touches) -> np.ndarray:
-    """(R,) N: the largest force of each row's press up to it, 0 where untouched."""
+    """(R,) N: the running maximum of the force within each press, 0 where untouched."""
     largest = np.zeros(len(rows.force))
     for label in np.unique(rows.press[rows.press >= 0]):
         mine = np.flatnonzero(rows.press == label)
@@ -27,15 +27,15 @@ def _largest_so_far(rows: Touches) -> np.ndarray:
     return largest
 
 
-def _begun(press: np.ndarray) -> np.ndarray:
-    """(R,): the latest press that has begun; before the first in sight, the one before that."""
-    begun = np.maximum.accumulate(press)
-    first = press[press >= 0].min() if (press >= 0).any() else 0
-    return np.where(begun < 0, first - 1, begun)
+def _latest_press(press: np.ndarray) -> np.ndarray:
+    """(R,): the number of the latest press that has begun; before the first, one less than it."""
+    latest_press = np.maximum.accumulate(press)
+    first_press = press[press >= 0].min() if (press >= 0).any() else 0
+    return np.where(latest_press < 0, first_press - 1, latest_press)
 
 
 def _between(values: np.ndarray, world: Asked) -> np.ndarray:
-    """(..., M): what electrodes' values (..., n) add to each measuring pair."""
+    """(..., M): the differences of electrodes' values (..., n) over the measuring pairs."""
     return values[..., world.channels[:, 2]] - values[..., world.channels[:, 3]]
 
 
@@ -47,23 +47,26 @@ class ChargeUp(Outside):
 
     readings: float = 30.0
     reference_V: float = 1.0
-    most: ClassVar[float] = 1.0
+    max_amount: ClassVar[float] = 1.0
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         median = float(np.median(np.abs(scene.untouched_V)))
-        return cls(cls.most, float(rng.uniform(5.0, 60.0)), median)
+        return cls(cls.max_amount, float(rng.uniform(5.0, 60.0)), median)
 
     def converted(self, volt: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         charge = np.zeros((len(world.channels), int(world.channels.max()) + 1))
-        now = charge[0].copy()
+        polarisation = charge[0].copy()
         for k, (source, sink) in enumerate(world.channels[:, :2]):
-            now *= np.exp(-1.0 / self.readings)
-            now[[source, sink]] = 1.0, -1.0
-            charge[k] = now
-        at = np.arange(len(charge))
-        kept = charge[at, world.channels[:, 2]] - charge[at, world.channels[:, 3]]
-        return volt + self.amount * self.reference_V * kept
+            polarisation *= np.exp(-1.0 / self.readings)
+            polarisation[[source, sink]] = 1.0, -1.0
+            charge[k] = polarisation
+        channel_index = np.arange(len(charge))
+        pair_polarisation = (
+            charge[channel_index, world.channels[:, 2]]
+            - charge[channel_index, world.channels[:, 3]]
+        )
+        return volt + self.amount * self.reference_V * pair_polarisation
 
 
 @dataclass(frozen=True)
@@ -73,11 +76,11 @@ class DryingFront(Outside):
 
     depth_mm: float = 8.0
     end_s: float = 100.0
-    most: ClassVar[float] = 0.6
+    max_amount: ClassVar[float] = 0.6
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
-        return cls(cls.most, float(scene.radius_mm * rng.uniform(0.15, 0.25)), scene.end_s)
+        return cls(cls.max_amount, float(scene.radius_mm * rng.uniform(0.15, 0.25)), scene.end_s)
 
     def touch(self, rows: Touches, world: Asked) -> None:
         time, radius = _seconds(rows), world.skin.radius_mm
@@ -90,7 +93,7 @@ class DryingFront(Outside):
         if wet > 0:
             for row, ring in enumerate(depth.tolist()):
                 disc = Disc(0.0, 0.0, radius - ring)
-                rows.more[row] = [*rows.more.get(row, []), (disc, wet)]
+                rows.inclusions[row] = [*rows.inclusions.get(row, []), (disc, wet)]
 
 
 @dataclass(frozen=True)
@@ -103,13 +106,13 @@ class Peeling(Outside):
     turn: int = 1
     threshold_N: float = 1.0
     step_N: float = 1.0
-    most: ClassVar[float] = 30.0
+    max_amount: ClassVar[float] = 30.0
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         electrode, turn = int(rng.integers(scene.n_electrodes)), int(rng.choice([-1, 1]))
         threshold, step = rng.uniform((0.5, 0.8), (2.0, 2.0)).tolist()
-        return cls(cls.most, electrode, turn, threshold, step)
+        return cls(cls.max_amount, electrode, turn, threshold, step)
 
     def touch(self, rows: Touches, world: Asked) -> None:
         n = rows.z.shape[1]
@@ -130,26 +133,26 @@ class Bubble(Outside):
     radius_mm: float = 2.5
     seed: int = 0
     keeps_clear: ClassVar[bool] = True
-    most: ClassVar[float] = 0.999
+    max_amount: ClassVar[float] = 0.999
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         assert scene.free is not None
         x, y, clear = scene.free
         radius = float(rng.uniform(1.5, 3.0))
-        return cls(cls.most, x, y, clear - radius, radius, int(rng.integers(2**31)))
+        return cls(cls.max_amount, x, y, clear - radius, radius, int(rng.integers(2**31)))
 
     def place(self, press: int) -> complex:
-        """Where it is from a press on, mm."""
+        """The bubble's place from a press on, mm."""
         u, phi = np.random.default_rng([self.seed, press + 1]).uniform(size=2)
-        away = self.reach_mm * np.sqrt(u) * np.exp(2j * np.pi * phi)
-        return complex(self.x_mm, self.y_mm) + complex(away)
+        displacement = self.reach_mm * np.sqrt(u) * np.exp(2j * np.pi * phi)
+        return complex(self.x_mm, self.y_mm) + complex(displacement)
 
     def touch(self, rows: Touches, world: Asked) -> None:
-        for row, press in enumerate(_begun(rows.press).tolist()):
-            at = self.place(press)
-            hole = (Disc(at.real, at.imag, self.radius_mm), -self.amount)
-            rows.more[row] = [*rows.more.get(row, []), hole]
+        for row, press in enumerate(_latest_press(rows.press).tolist()):
+            bubble_mm = self.place(press)
+            hole = (Disc(bubble_mm.real, bubble_mm.imag, self.radius_mm), -self.amount)
+            rows.inclusions[row] = [*rows.inclusions.get(row, []), hole]
 
 
 @dataclass(frozen=True)
@@ -159,26 +162,29 @@ class LeadCoupling(Outside):
     exp(-1 / readings) a reading."""
 
     readings: float = 3.0
-    most: ClassVar[float] = 0.3
+    max_amount: ClassVar[float] = 0.3
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
-        return cls(cls.most, float(rng.uniform(1.0, 8.0)))
+        return cls(cls.max_amount, float(rng.uniform(1.0, 8.0)))
 
     def pairs(
         self, volt: np.ndarray, admittance: np.ndarray, rows: Touches, world: Asked
     ) -> np.ndarray:
         ends = world.channels[:, :2]
-        new = np.append(True, (ends[1:] != ends[:-1]).any(axis=1))
-        since = np.arange(len(ends)) - np.flatnonzero(new)[np.cumsum(new) - 1]
-        drives, block = ends[new], np.cumsum(new) - 1
-        potential = known.potentials([], admittance, rows.siemens > 0, drives, False)
+        is_first = np.append(True, (ends[1:] != ends[:-1]).any(axis=1))
+        reading_number = np.arange(len(ends)) - np.flatnonzero(is_first)[np.cumsum(is_first) - 1]
+        drives, block = ends[is_first], np.cumsum(is_first) - 1
+        potential = catalogue.potentials([], admittance, rows.siemens > 0, drives, False)
         potential = potential - potential[:, np.arange(len(drives)), drives[:, 1]][..., None]
         step = potential - np.roll(potential, 1, axis=1)
         pushed = 0.5 * (np.roll(step, 1, axis=2) + np.roll(step, -1, axis=2))[:, block]
-        at = np.arange(len(ends))
-        taken = pushed[:, at, world.channels[:, 2]] - pushed[:, at, world.channels[:, 3]]
-        return volt + self.amount * np.exp(-since / self.readings) * taken
+        channel_index = np.arange(len(ends))
+        pair_coupling = (
+            pushed[:, channel_index, world.channels[:, 2]]
+            - pushed[:, channel_index, world.channels[:, 3]]
+        )
+        return volt + self.amount * np.exp(-reading_number / self.readings) * pair_coupling
 
 
 @dataclass(frozen=True)
@@ -191,18 +197,18 @@ class WarmingPatch(Outside):
     radius_mm: float = 8.0
     tau_s: float = 60.0
     keeps_clear: ClassVar[bool] = True
-    most: ClassVar[float] = 2.0
+    max_amount: ClassVar[float] = 2.0
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         assert scene.free is not None
-        return cls(cls.most, *scene.free, float(scene.end_s * rng.uniform(0.1, 0.5)))
+        return cls(cls.max_amount, *scene.free, float(scene.end_s * rng.uniform(0.1, 0.5)))
 
     def touch(self, rows: Touches, world: Asked) -> None:
         warmth = -np.expm1(-_seconds(rows) / self.tau_s)
         for row, contrast in enumerate((self.amount * warmth).tolist()):
             warm = (Disc(self.x_mm, self.y_mm, self.radius_mm), contrast)
-            rows.more[row] = [*rows.more.get(row, []), warm]
+            rows.inclusions[row] = [*rows.inclusions.get(row, []), warm]
 
 
 @dataclass(frozen=True)
@@ -211,20 +217,20 @@ class SteppedGain(Outside):
     round the frame, is under a level, the next drive's readings are (1 + amount) times as large."""
 
     level_V: float = 1.0
-    most: ClassVar[float] = 0.3
+    max_amount: ClassVar[float] = 0.3
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         return cls(
-            cls.most, float(np.abs(scene.untouched_V).max() * (1 - rng.uniform(0.001, 0.02)))
+            cls.max_amount, float(np.abs(scene.untouched_V).max() * (1 - rng.uniform(0.001, 0.02)))
         )
 
     def converted(self, volt: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         ends = world.channels[:, :2]
-        new = np.append(True, (ends[1:] != ends[:-1]).any(axis=1))
-        largest = np.maximum.reduceat(np.abs(volt), np.flatnonzero(new), axis=1)
+        is_first = np.append(True, (ends[1:] != ends[:-1]).any(axis=1))
+        largest = np.maximum.reduceat(np.abs(volt), np.flatnonzero(is_first), axis=1)
         low = np.roll(largest, 1, axis=1) < self.level_V
-        return volt * np.where(low, 1.0 + self.amount, 1.0)[:, np.cumsum(new) - 1]
+        return volt * np.where(low, 1.0 + self.amount, 1.0)[:, np.cumsum(is_first) - 1]
 
 
 @dataclass(frozen=True)
@@ -233,11 +239,11 @@ class ProbeSlip(Outside):
     there till it lifts."""
 
     seed: int = 0
-    most: ClassVar[float] = 3.0
+    max_amount: ClassVar[float] = 3.0
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
-        return cls(cls.most, int(rng.integers(2**31)))
+        return cls(cls.max_amount, int(rng.integers(2**31)))
 
     def touch(self, rows: Touches, world: Asked) -> None:
         eased = rows.touched & (rows.force < _largest_so_far(rows))
@@ -255,12 +261,12 @@ class SupplyRipple(Outside):
 
     frequency_Hz: float = 100.0
     phase: float = 0.0
-    most: ClassVar[float] = 0.3
+    max_amount: ClassVar[float] = 0.3
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         tone = float(rng.choice([100.0, 120.0]) + rng.uniform(-0.1, 0.1))
-        return cls(cls.most, tone, float(rng.uniform(0.0, 2.0 * np.pi)))
+        return cls(cls.max_amount, tone, float(rng.uniform(0.0, 2.0 * np.pi)))
 
     def converted(self, volt: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         count = volt.shape[1]
@@ -278,14 +284,16 @@ class PopcornNoise(Outside):
     dwell_s: float = 10.0
     reference_V: float = 1.0
     seed: int = 0
-    most: ClassVar[float] = 3.0
+    max_amount: ClassVar[float] = 3.0
     jumps: ClassVar[int] = 4096
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         measure, seed = int(rng.integers(scene.n_electrodes)), int(rng.integers(2**31))
         dwell = float(scene.end_s * rng.uniform(0.03, 0.15))
-        return cls(cls.most, measure, dwell, float(np.median(np.abs(scene.untouched_V))), seed)
+        return cls(
+            cls.max_amount, measure, dwell, float(np.median(np.abs(scene.untouched_V))), seed
+        )
 
     def converted(self, volt: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         waits = np.random.default_rng(self.seed).exponential(self.dwell_s, self.jumps)
@@ -302,25 +310,25 @@ class HalfCellDrift(Outside):
     tau_s: float = 60.0
     reference_V: float = 1.0
     ends: tuple[float, ...] = ()
-    most: ClassVar[float] = 1.0
+    max_amount: ClassVar[float] = 1.0
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         ends = tuple(np.round(rng.standard_normal(scene.n_electrodes), 3).tolist())
         median = float(np.median(np.abs(scene.untouched_V)))
-        return cls(cls.most, float(scene.end_s * rng.uniform(0.1, 0.5)), median, ends)
+        return cls(cls.max_amount, float(scene.end_s * rng.uniform(0.1, 0.5)), median, ends)
 
     def converted(self, volt: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         crept = -np.expm1(-_seconds(rows) / self.tau_s)
-        away = self.amount * self.reference_V * _between(np.array(self.ends), world)
-        return volt + crept[:, None] * away
+        pair_potential = self.amount * self.reference_V * _between(np.array(self.ends), world)
+        return volt + crept[:, None] * pair_potential
 
 
 @dataclass(frozen=True)
 class AveragingFilter(Outside):
     """The board smooths over frames: y_n = (1 - amount) v_n + amount y_(n-1), from y_0 = v_0."""
 
-    most: ClassVar[float] = 0.9
+    max_amount: ClassVar[float] = 0.9
 
     def converted(self, volt: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         smooth = volt.copy()
@@ -335,7 +343,7 @@ class PileUp(Outside):
     amount c a^2 / (1.69 a^2 - a^2) less, c the contrast within; never below a tenth."""
 
     ratio: ClassVar[float] = 1.3
-    most: ClassVar[float] = 0.5
+    max_amount: ClassVar[float] = 0.5
 
     def touch(self, rows: Touches, world: Asked) -> None:
         for row in np.flatnonzero(rows.touched & (rows.contrast != 0)):

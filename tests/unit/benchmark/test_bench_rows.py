@@ -49,16 +49,18 @@ def test_outside_of_a_repository_no_commit_is_known(tmp_path, monkeypatch):
 
 
 def test_the_processor_is_the_model_that_the_system_tells(tmp_path):
-    told = tmp_path / "cpuinfo"
-    assert rows.processor(told) == rows.platform.machine()
-    told.write_text("processor\t: 0\nmodel\t\t: 167\nmodel name\t: A Fast One\n\nprocessor\t: 1\n")
-    assert rows.processor(told) == "A Fast One"
+    cpuinfo = tmp_path / "cpuinfo"
+    assert rows.processor(cpuinfo) == rows.platform.machine()
+    cpuinfo.write_text(
+        "processor\t: 0\nmodel\t\t: 167\nmodel name\t: A Fast One\n\nprocessor\t: 1\n"
+    )
+    assert rows.processor(cpuinfo) == "A Fast One"
 
 
 def test_own_work_is_not_of_others(monkeypatch):
-    others = rows.Others()
+    other_work = rows.OtherWork()
     time.sleep(0.3)
-    assert -0.1 < others.cores() < rows.machine()["cores"] + 0.1
-    user, *rest = os.times()
-    monkeypatch.setattr(os, "times", lambda: (user + 100.0, *rest))
-    assert others.cores() < -1.0
+    assert -0.1 < other_work.cores() < rows.machine()["cores"] + 0.1
+    user, *child_times = os.times()
+    monkeypatch.setattr(os, "times", lambda: (user + 100.0, *child_times))
+    assert other_work.cores() < -1.0

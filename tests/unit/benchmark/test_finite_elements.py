@@ -59,8 +59,8 @@ def test_voltages_equal_pyeit_for_every_touch_of_the_polar_grid(pyeit_mesh, pyei
         conductance = set_perm(pyeit_mesh, touch, background=1.0).perm
         assert (conductance != 1.0).any()
         expected = peer.solve_eit(conductance)
-        found = pyeit_elements.voltages(conductance, channels, 1.0)
-        worst = max(worst, np.max(abs(found - expected) / abs(expected)))
+        voltages = pyeit_elements.voltages(conductance, channels, 1.0)
+        worst = max(worst, np.max(abs(voltages - expected) / abs(expected)))
     assert worst < 1e-10
 
 
@@ -79,12 +79,12 @@ def test_touch_modes_equal_direct_solves(pyeit_elements, r, angle, radius, contr
     factored = pyeit_elements.factored(background)
     modes = factored.touch_modes(np.flatnonzero(touched))
     direct = pyeit_elements.transfer_impedance(background * np.where(touched, 1.0 + contrast, 1.0))
-    found = factored.transfer_impedance + modes.impedance_change([contrast])[0]
+    impedance = factored.transfer_impedance + modes.impedance_change([contrast])[0]
     # Both ways round each of the unknowns, in units of the stiffer part: the softer sees them as
     # many times larger as it is softer.
     unknowns, stiffer = pyeit_elements.mesh.nvertices, max(1.0 + contrast, 1.0 / (1.0 + contrast))
     rounding = unknowns * np.finfo(float).eps * stiffer
-    assert np.max(abs(found - direct)) < rounding * np.max(abs(direct))
+    assert np.max(abs(impedance - direct)) < rounding * np.max(abs(direct))
 
 
 def test_touch_modes_hold_for_complete_electrodes_and_quadratic_elements(complete):
@@ -107,8 +107,8 @@ def test_touch_voltages_are_those_of_the_transfer_impedance(pyeit_elements):
     expected = [
         0.003 * reference.voltages(change, CHANNELS) for change in modes.impedance_change(contrasts)
     ]
-    found = 0.003 * modes.channel_change(CHANNELS, contrasts)
-    assert np.max(abs(found - expected)) < 1e-13 * np.max(np.abs(expected))
+    voltages = 0.003 * modes.channel_change(CHANNELS, contrasts)
+    assert np.max(abs(voltages - expected)) < 1e-13 * np.max(np.abs(expected))
 
 
 def test_no_touched_element_changes_nothing(pyeit_elements):
@@ -163,8 +163,8 @@ def smooth_errors(order, grading, refinements):
         mesh, nodes = symmetric_disc_mesh(8, 0.0, refinement, grading, rings=(0.4,))
         inside = np.hypot(*mesh.p[:, mesh.t].mean(axis=1)) < 0.4
         elements = FiniteElements(mesh, nodes, order=order)
-        found = elements.voltages(np.where(inside, 3.0, 1.0), channels, 1.0)
-        errors.append(np.max(abs(found - exact)) / np.median(abs(exact)))
+        voltages = elements.voltages(np.where(inside, 3.0, 1.0), channels, 1.0)
+        errors.append(np.max(abs(voltages - exact)) / np.median(abs(exact)))
     return errors
 
 

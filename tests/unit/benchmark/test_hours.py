@@ -30,11 +30,11 @@ def folder(tmp_path):
 
 
 def test_a_row_a_model_one_of_teachers_one_of_every_other_rule(folder):
-    found = hours.costs(folder).set_index("what")
-    assert list(found.index) == ["mlp", "physics-informed-mlp", "teachers", "mesh", "perturb"]
-    assert found["jobs"].tolist() == [2, 2, 4, 1, 1]
-    assert found["minutes"].tolist() == pytest.approx([2.1, 3.0, 1.5, 0.05, 0.0])
-    assert found.loc["mlp", ["set", "split", "budget"]].tolist() == [
+    cost_rows = hours.costs(folder).set_index("what")
+    assert list(cost_rows.index) == ["mlp", "physics-informed-mlp", "teachers", "mesh", "perturb"]
+    assert cost_rows["jobs"].tolist() == [2, 2, 4, 1, 1]
+    assert cost_rows["minutes"].tolist() == pytest.approx([2.1, 3.0, 1.5, 0.05, 0.0])
+    assert cost_rows.loc["mlp", ["set", "split", "budget"]].tolist() == [
         "simulated-a",
         "random",
         "full",
@@ -43,9 +43,9 @@ def test_a_row_a_model_one_of_teachers_one_of_every_other_rule(folder):
 
 def test_the_sum_is_said_in_hours(folder, capsys):
     assert hours.run([str(folder)]) == 0
-    said = capsys.readouterr().out
-    assert "| simulated-a | random | full | mlp | 2 | 2.1 |" in said
-    assert said.endswith("Together 0.11 processor hours.\n")
+    printed = capsys.readouterr().out
+    assert "| simulated-a | random | full | mlp | 2 | 2.1 |" in printed
+    assert printed.endswith("Together 0.11 processor hours.\n")
 
 
 def test_a_folder_without_files_and_a_file_of_another_form_are_refused(tmp_path, capsys):

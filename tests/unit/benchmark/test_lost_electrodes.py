@@ -7,7 +7,7 @@ import pytest
 
 from authors_strengths import EFFECTS, FORCES
 from benchmark import lost_electrodes
-from eitskin.exported.electrodes import using
+from eitskin.exported.electrodes import channels_using
 from eitskin.limit.observation import Experiment
 from eitskin.limit.posterior_mean import Starts
 from eitskin.physics.protocol import channel_table
@@ -20,13 +20,13 @@ SKIN = Skin(80.0, 3.0, 0.5, tuple(45.0 * np.arange(8)), 0.0, 0.0, 1e-3, 0.9)
 @pytest.fixture(scope="module")
 def model():
     experiment = Experiment(SKIN, CHANNELS, "train", EFFECTS, 0.01, 1, 72.0, 16.0, FORCES, 10.0)
-    return experiment.unknown()
+    return experiment.prior_session()
 
 
 def test_the_limit_knows_nothing_of_channels_that_are_lost(model):
     change = model.mixing @ model.change(np.array([30.0, -12.0, 5.0]), np.zeros(10))[0]
     harmed = change.copy()
-    harmed[np.flatnonzero(using(CHANNELS, (2,)))] = 1e3
+    harmed[np.flatnonzero(channels_using(CHANNELS, (2,)))] = 1e3
     starts = Starts(model)
     found = lost_electrodes.limit(model, starts, np.array([change]), (2,))
     assert np.array_equal(found, lost_electrodes.limit(model, starts, np.array([harmed]), (2,)))

@@ -17,11 +17,11 @@ def test_a_sweep_that_fails_says_why(monkeypatch):
 
 
 def test_the_workflow_is_run_in_a_copy_on_so_many_slots(monkeypatch):
-    seen = []
+    commands = []
 
     def run(command, cwd, **_):
         assert (Path(cwd) / "workflow" / "rules" / "calibrate.smk").is_file()
-        seen.append(command)
+        commands.append(command)
         for word in command[command.index("--") + 1 :]:
             file = Path(cwd) / word
             file.parent.mkdir(parents=True, exist_ok=True)
@@ -32,12 +32,12 @@ def test_the_workflow_is_run_in_a_copy_on_so_many_slots(monkeypatch):
     monkeypatch.setattr(sweep.subprocess, "run", run)
     rate, _ = sweep.sweep(4)
     assert 0.0 < rate < 3600.0 * 2 * sweep.BATCHES / 0.2
-    assert seen[0][seen[0].index("--cores") + 1] == "4"
+    assert commands[0][commands[0].index("--cores") + 1] == "4"
 
 
 def test_slots_stand_beside_as_many_times_what_one_does(monkeypatch):
     monkeypatch.setattr(sweep, "sweep", lambda slots: (100.0 * min(slots, 2), 20.0))
-    told = {row["name"]: row["ratio"] for row in sweep.swept(1)}
-    assert told["sweep, 1 slot"] == told["sweep, 2 slots"] == 1.0
-    assert told["sweep, 4 slots"] == 0.5
-    assert told["sweep, 4 slots, a diagnosis"] == 1.0
+    ratios = {row["name"]: row["ratio"] for row in sweep.swept(1)}
+    assert ratios["sweep, 1 slot"] == ratios["sweep, 2 slots"] == 1.0
+    assert ratios["sweep, 4 slots"] == 0.5
+    assert ratios["sweep, 4 slots, a diagnosis"] == 1.0

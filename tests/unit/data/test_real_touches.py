@@ -26,7 +26,8 @@ def test_a_real_skin_is_learned_from(tmp_path, path, targets, unit, kind):
     part = splits.assign(data.table, kind, 1)
     assert 0.15 < (part == "test").mean() < 0.25
     model_path = tmp_path / "mlp.pt"
-    train.train_predictor(data, part, "mlp", model_path, RECIPE, 1, 1)
+    split = train.Split(data, part)
+    train.train_predictor(split, "mlp", model_path, RECIPE, train.Seeds(1, 1))
     model = model_file.read(model_path)
     prediction = predict.predict_part(model, data, part)
     table = metrics.evaluate(prediction, data, kind, "small", model.header)

@@ -30,15 +30,20 @@ def path(tmp_path):
 
 def test_what_is_read_says_what_was_trained(path):
     change = skin.dataset().delta_V[skin.part() == "test"][:50].astype(float)
-    own = Predictor(file.read(path))
+    exported_predictor = Predictor(file.read(path))
     expected = predict.predict_seeds(skin.trained(), change)[0]
-    np.testing.assert_allclose(own.states(change), expected, rtol=1e-5, atol=1e-4)
-    np.testing.assert_allclose(own.states(change[:1])[0], expected[0], rtol=1e-5, atol=1e-4)
+    np.testing.assert_allclose(exported_predictor.states(change), expected, rtol=1e-5, atol=1e-4)
+    np.testing.assert_allclose(
+        exported_predictor.states(change[:1])[0], expected[0], rtol=1e-5, atol=1e-4
+    )
     strange = np.concatenate([change, -change, 10 * change, 0.01 * change])
-    judged = predict.judge(skin.trained(), strange)
-    assert judged["touch"].nunique() == judged["abstain"].nunique() == 2
-    for one, touch, abstain in zip(strange, judged["touch"], judged["abstain"], strict=True):
-        assert (own.touched(one), not own.familiar(one)) == (touch, abstain)
+    gates = predict.judge(skin.trained(), strange)
+    assert gates["touch"].nunique() == gates["abstain"].nunique() == 2
+    for frame, touch, abstain in zip(strange, gates["touch"], gates["abstain"], strict=True):
+        assert (exported_predictor.touched(frame), not exported_predictor.familiar(frame)) == (
+            touch,
+            abstain,
+        )
 
 
 def test_equal_contents_equal_bytes(path, tmp_path):
@@ -47,9 +52,9 @@ def test_equal_contents_equal_bytes(path, tmp_path):
 
 
 def test_a_pickle_in_it_is_refused_and_does_not_run(path, capsys):
-    with zipfile.ZipFile(path, "a") as held:
+    with zipfile.ZipFile(path, "a") as archive:
         descr = b"\x93NUMPY\x01\x00v\x00" + b"{'descr': '|O', 'fortran_order': False, 'shape': ()}"
-        held.writestr("bomb.npy", descr.ljust(127) + b"\n" + pickle.dumps(Bomb()))
+        archive.writestr("bomb.npy", descr.ljust(127) + b"\n" + pickle.dumps(Bomb()))
     with pytest.raises(InputError, match="found another content, expected an exported predictor"):
         file.read(path)
     assert capsys.readouterr().out == ""
@@ -57,8 +62,8 @@ def test_a_pickle_in_it_is_refused_and_does_not_run(path, capsys):
 
 def changed(path, change):
     """The file with another header."""
-    with np.load(path) as held:
-        arrays = dict(held)
+    with np.load(path) as archive:
+        arrays = dict(archive)
     header = json.loads(arrays["header"].tobytes())
     change(header, arrays)
     arrays["header"] = np.frombuffer(json.dumps(header).encode(), np.uint8)

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from eitskin.errors import InputError
-from eitskin.exported.graph import Applied, Graph
+from eitskin.exported.graph import Graph, GraphFunction
 from eitskin.learn import models, networks, trace
 from eitskin.physics.protocol import channel_table
 
@@ -32,12 +32,12 @@ def made(name):
 def test_every_model_of_the_table_is_the_same(name):
     module, frames = made(name), torch.randn(5, 208)
     graph, arrays = trace.traced(module, frames, "net/")
-    applied = Applied(Graph.of(graph.plain()), arrays)
-    for given in (frames, frames[:1]):
-        expected = module(given).numpy()
-        (found,) = applied(given.numpy())
-        assert found.dtype == expected.dtype
-        np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max())
+    applied = GraphFunction(Graph.from_json(graph.as_json()), arrays)
+    for inputs in (frames, frames[:1]):
+        expected = module(inputs).numpy()
+        (outputs,) = applied(inputs.numpy())
+        assert outputs.dtype == expected.dtype
+        np.testing.assert_allclose(outputs, expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max())
 
 
 class Odd(torch.nn.Module):

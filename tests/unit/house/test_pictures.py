@@ -14,7 +14,7 @@ def test_an_effect_shows_where_it_is_drawn(name):
     assert np.isfinite(shown.change).all() and np.abs(shown.change).max() > 1e-6
     touched = "a probe of" in shown.caption
     assert touched or (effect.stage not in ("touch", "clock") and effect.driver != "force")
-    assert shown.of_touch == (np.abs(shown.beside).min() < 1e-3)
+    assert shown.of_touch == (np.abs(shown.comparison).min() < 1e-3)
     for key, parameter in effect.parameters.items():
         assert f"`{key}` = " in shown.caption or parameter.optional
 

@@ -96,6 +96,9 @@ def test_fewer_than_five_seeds_have_no_interval():
 def test_an_interval_holds_nothing_that_cannot_be(values, metric):
     if metric == "r2":
         values = [1.0 - 10.0 * value for value in values]
-    found = metrics.summary(np.array(values), metric)
-    assert found["low"] <= found["mean"] + 1e-9 and found["mean"] <= found["high"] + 1e-9
-    assert found["high"] <= 1.0 if metric == "r2" else found["low"] >= 0.0
+    statistics = metrics.summary(np.array(values), metric)
+    assert (
+        statistics["low"] <= statistics["mean"] + 1e-9
+        and statistics["mean"] <= statistics["high"] + 1e-9
+    )
+    assert statistics["high"] <= 1.0 if metric == "r2" else statistics["low"] >= 0.0

@@ -21,10 +21,10 @@ def test_file_is_byte_repeatable_whatever_its_path(tmp_path):
 def test_each_seed_gets_its_own_weights(tmp_path):
     model_file.write(trained(), tmp_path / "a.pt")
     read = model_file.read(tmp_path / "a.pt")
-    first, second = (read.into(networks.Mlp(8, 3), seed) for seed in read.seeds())
-    difference = second.net[0].weight - first.net[0].weight
+    seed_1, seed_2 = (read.load_into(networks.Mlp(8, 3), seed) for seed in read.seeds())
+    difference = seed_2.net[0].weight - seed_1.net[0].weight
     torch.testing.assert_close(difference, torch.full_like(difference, 10.0))
-    assert not any(p.requires_grad for p in first.parameters())
+    assert not any(p.requires_grad for p in seed_1.parameters())
 
 
 def test_other_files_are_refused(tmp_path):

@@ -39,8 +39,14 @@ def test_networks_have_the_papers_widths():
     assert linear_widths(autoencoder.encoder) == [(208, 256), (256, 64), (64, 16)]
     assert linear_widths(autoencoder.decoder) == [(16, 64), (64, 256), (256, 208)]
     assert linear_widths(networks.StateToLatent(3, 16)) == [(3, 128), (128, 128), (128, 16)]
-    both = networks.AutoencoderMlp(208, 3, 16)
-    assert linear_widths(both) == [(208, 256), (256, 64), (64, 16), (16, 256), *mlp[1:]]
+    latent_perceptron = networks.AutoencoderMlp(208, 3, 16)
+    assert linear_widths(latent_perceptron) == [
+        (208, 256),
+        (256, 64),
+        (64, 16),
+        (16, 256),
+        *mlp[1:],
+    ]
     cnn = networks.Cnn(208, 3)
     blocks = [layer for layer in cnn.modules() if isinstance(layer, torch.nn.Conv1d)]
     assert [layer.out_channels for layer in blocks] == [64, 128, 256]
@@ -127,22 +133,22 @@ def test_the_order_of_tokens_tells_only_by_their_positions():
     torch.manual_seed(1)
     encoder = networks.TokenEncoder(16, 13).eval().requires_grad_(False)
     tokens = voltages(4).reshape(4, 16, 13)
-    other = tokens[:, torch.randperm(16)]
-    assert (encoder(tokens) - encoder(other)).abs().max() > 1e-2
+    shuffled = tokens[:, torch.randperm(16)]
+    assert (encoder(tokens) - encoder(shuffled)).abs().max() > 1e-2
     encoder.position.zero_()
-    torch.testing.assert_close(encoder(tokens), encoder(other), rtol=0, atol=1e-5)
+    torch.testing.assert_close(encoder(tokens), encoder(shuffled), rtol=0, atol=1e-5)
 
 
 def test_a_token_is_a_drive_and_a_slot_a_measuring_pair():
     tokens = networks.drive_tokens(SHAPE)
     assert tokens.shape == (16, 16)
     table = np.array([*TABLE, [-1] * 4])[tokens]
-    there = tokens < 208
-    assert sorted(tokens[there].tolist()) == list(range(208))
-    assert there.sum(dim=1).tolist() == [13] * 16
+    is_channel = tokens < 208
+    assert sorted(tokens[is_channel].tolist()) == list(range(208))
+    assert is_channel.sum(dim=1).tolist() == [13] * 16
     for drive in range(16):
-        assert len(np.unique(table[drive, there[drive], :2], axis=0)) == 1
-        assert len(np.unique(table[there[:, drive], drive, 2:], axis=0)) == 1
+        assert len(np.unique(table[drive, is_channel[drive], :2], axis=0)) == 1
+        assert len(np.unique(table[is_channel[:, drive], drive, 2:], axis=0)) == 1
 
 
 def test_a_channel_measured_twice_has_two_slots():
@@ -153,14 +159,14 @@ def test_a_channel_measured_twice_has_two_slots():
 
 @pytest.mark.parametrize("lost", [[0], [40, 41, 207]])
 def test_a_lost_channel_is_an_empty_slot_that_contributes_nothing(lost):
-    whole = evaluated("transformer")
-    kept = np.delete(np.arange(208), lost)
-    table = np.array(TABLE)[kept].tolist()
-    less = predictor("transformer", Shape("a set", len(kept), 3, table)).eval()
-    less.load_state_dict(whole.state_dict())
+    full_model = evaluated("transformer")
+    measured = np.delete(np.arange(208), lost)
+    table = np.array(TABLE)[measured].tolist()
+    reduced_model = predictor("transformer", Shape("a set", len(measured), 3, table)).eval()
+    reduced_model.load_state_dict(full_model.state_dict())
     batch = voltages(5)
     batch[:, lost] = 0
-    torch.testing.assert_close(less(batch[:, kept]), whole(batch))
+    torch.testing.assert_close(reduced_model(batch[:, measured]), full_model(batch))
 
 
 def test_a_token_of_the_other_reading_is_a_channel():
@@ -177,9 +183,9 @@ def test_deterministic_algorithms_train_every_network(name, monkeypatch):
         return {key: p.grad for key, p in module.named_parameters() if p.requires_grad}
 
     torch.use_deterministic_algorithms(True)
-    first, second = gradients(), gradients()
-    assert all(torch.equal(first[key], second[key]) for key in first)
-    assert all(gradient.abs().sum() > 0 for gradient in first.values())
+    first_gradients, repeated = gradients(), gradients()
+    assert all(torch.equal(first_gradients[key], repeated[key]) for key in first_gradients)
+    assert all(gradient.abs().sum() > 0 for gradient in first_gradients.values())
 
 
 def test_the_encoder_of_the_autoencoder_mlp_is_not_trained():
@@ -193,9 +199,9 @@ def test_support_vectors_are_scikit_learns():
     state = torch.stack([voltage[:, :3].sum(1), voltage[:, 4].tanh(), voltage[:, 5] ** 2], dim=1)
     module = fit_svr(voltage, state, Tube())
     learned = [SVR().fit(voltage.double(), target) for target in state.double().T.numpy()]
-    expected = np.column_stack([each.predict(new.double()) for each in learned])
+    expected = np.column_stack([regression.predict(new.double()) for regression in learned])
     np.testing.assert_allclose(module(new), expected, atol=1e-5)
-    assert len(module.support) == len(set().union(*(each.support_ for each in learned)))
+    assert len(module.support) == len(set().union(*(regression.support_ for regression in learned)))
     loaded = networks.Svr(20, 3)
     loaded.load_state_dict(module.state_dict())
     assert torch.equal(loaded(new), module(new))

@@ -18,7 +18,7 @@ def fitted(folder, data, kind="random"):
     part = splits.assign(data.table, kind, 1)
     paths = [folder / "1.pt", folder / "2.pt"]
     for seed, path in enumerate(paths, start=1):
-        train.train_predictor(data, part, "mlp", path, RECIPE, 1, seed)
+        train.train_predictor(train.Split(data, part), "mlp", path, RECIPE, train.Seeds(1, seed))
     return model_file.read_seeds(paths), part
 
 
@@ -29,14 +29,14 @@ def trained(tmp_path_factory):
 
 
 def test_new_frames_like_those_trained_on_are_seldom_abstained_from(trained):
-    found = predict.judge(trained, touches(4000, seed=7, noise=NOISE).delta_V)
-    assert found["abstain"].mean() < 0.02
-    assert found["touch"].all()
+    gate_table = predict.judge(trained, touches(4000, seed=7, noise=NOISE).delta_V)
+    assert gate_table["abstain"].mean() < 0.02
+    assert gate_table["touch"].all()
 
 
 def test_untouched_frames_are_seldom_called_touched(trained):
-    still = NOISE * np.random.default_rng(8).normal(size=(4000, 208))
-    assert predict.judge(trained, still)["touch"].mean() < 0.03
+    untouched = NOISE * np.random.default_rng(8).normal(size=(4000, 208))
+    assert predict.judge(trained, untouched)["touch"].mean() < 0.03
     assert trained.header["touch"]["calibrated_on"] == "untouched frames"
 
 
@@ -54,8 +54,8 @@ def test_untouched_frames_are_seldom_called_touched(trained):
 )
 def test_frames_off_the_training_set_are_abstained_from(trained, spoil):
     frames = touches(500, seed=9, noise=NOISE).delta_V
-    found = predict.judge(trained, spoil(frames, np.random.default_rng(1)))
-    assert found["abstain"].mean() > 0.9
+    gate_table = predict.judge(trained, spoil(frames, np.random.default_rng(1)))
+    assert gate_table["abstain"].mean() > 0.9
 
 
 @pytest.mark.parametrize(("channels", "samples"), [(4, 200), (208, 30)])
@@ -84,9 +84,9 @@ def test_predict_is_the_mean_over_the_seeds(trained):
     frames = touches(20, seed=2).delta_V
     states = predict.predict_seeds(trained, frames)
     assert states.shape == (2, 20, 3)
-    found = predict.predict(trained, frames)
-    assert list(found.columns) == ["x_mm", "y_mm", "force_N", "touch", "abstain"]
-    np.testing.assert_allclose(found[["x_mm", "y_mm", "force_N"]], states.mean(axis=0))
+    predictions = predict.predict(trained, frames)
+    assert list(predictions.columns) == ["x_mm", "y_mm", "force_N", "touch", "abstain"]
+    np.testing.assert_allclose(predictions[["x_mm", "y_mm", "force_N"]], states.mean(axis=0))
 
 
 def test_a_frame_does_not_depend_on_the_frames_beside_it(trained):
@@ -99,9 +99,9 @@ def test_a_frame_does_not_depend_on_the_frames_beside_it(trained):
 def test_a_lost_reading_is_abstained_from(trained):
     frames = touches(3, seed=2).delta_V
     frames[1, 4] = np.nan
-    found = predict.predict(trained, frames)
-    assert found["abstain"][1] and np.isnan(found["x_mm"][1])
-    assert found["touch"].all() and np.isfinite(found["x_mm"][[0, 2]]).all()
+    predictions = predict.predict(trained, frames)
+    assert predictions["abstain"][1] and np.isnan(predictions["x_mm"][1])
+    assert predictions["touch"].all() and np.isfinite(predictions["x_mm"][[0, 2]]).all()
 
 
 def test_other_channel_counts_are_refused(trained):
@@ -112,7 +112,9 @@ def test_other_channel_counts_are_refused(trained):
 def test_a_file_without_a_predictor_is_refused(tmp_path):
     data = touches(300, seed=1)
     part = splits.assign(data.table, "random", 1)
-    train.train_autoencoder(data, part, tmp_path / "a.pt", train.Optimiser(), BUDGET, 1, 1, 16)
+    train.train_autoencoder(
+        train.Split(data, part), tmp_path / "a.pt", train.Optimiser(), BUDGET, train.Seeds(1, 1), 16
+    )
     with pytest.raises(InputError, match="'autoencoder', expected one of svr, mlp"):
         predict.predict(model_file.read(tmp_path / "a.pt"), data.delta_V)
 
@@ -126,23 +128,28 @@ def press(seed, n=400, **metadata):
     voltage = np.linspace(1.0, 1.02, 2 * n)[:, None] + touch[:, None] * changes(x, y, force)
     voltage += 1e-4 * draw.normal(size=voltage.shape)
     voltage[:, 9] = np.nan
-    given = {"values": "absolute", "unit": "V", "voltage": "signed", "position_frame": "skin"}
+    metadata_columns = {
+        "values": "absolute",
+        "unit": "V",
+        "voltage": "signed",
+        "position_frame": "skin",
+    }
     frames = frames_table(np.arange(2 * n) * 0.1, touch, x, y, force, 10.0)
     channels = {"channels": channel_table(16).tolist(), "source": "a citation"}
-    return Recording(frames, voltage, None, None, {**given, **channels, **metadata})
+    return Recording(frames, voltage, None, None, {**metadata_columns, **channels, **metadata})
 
 
 def test_predict_recording_judges_every_frame(tmp_path):
     model, _ = fitted(tmp_path, dataset.from_recording(press(1), "one day"))
-    found = predict.predict_recording(model, press(2), "the next")
-    assert list(found.columns[:2]) == ["frame", "time_s"] and len(found) == 800
+    predictions = predict.predict_recording(model, press(2), "the next")
+    assert list(predictions.columns[:2]) == ["frame", "time_s"] and len(predictions) == 800
     touch = np.tile([False, True], 400)
-    assert found["touch"][touch].mean() > 0.9
-    assert found["touch"][~touch].mean() < 0.1
-    assert found["abstain"][0]  # nothing was measured before the first frame
-    assert found["abstain"][touch].mean() < 0.1
+    assert predictions["touch"][touch].mean() > 0.9
+    assert predictions["touch"][~touch].mean() < 0.1
+    assert predictions["abstain"][0]  # nothing was measured before the first frame
+    assert predictions["abstain"][touch].mean() < 0.1
     truth = press(2).frames["x_mm"]
-    assert np.corrcoef(found["x_mm"][touch], truth[touch])[0, 1] > 0.9
+    assert np.corrcoef(predictions["x_mm"][touch], truth[touch])[0, 1] > 0.9
 
 
 @pytest.mark.parametrize(
@@ -163,14 +170,14 @@ def test_predict_recording_refuses_another_instrument(tmp_path, changed, message
 def test_a_part_is_predicted_whole_for_every_seed(tmp_path):
     data = touches(400, seed=1)
     model, part = fitted(tmp_path, data, "place")
-    found = predict.predict_part(model, data, part, "test")
-    assert list(found.columns) == [
+    predictions = predict.predict_part(model, data, part, "test")
+    assert list(predictions.columns) == [
         *("sample", "seed", "x_mm", "y_mm", "force_N", "touch", "abstain")
     ]
     for seed in (1, 2):
-        samples = found["sample"][found["seed"] == seed]
+        samples = predictions["sample"][predictions["seed"] == seed]
         assert (samples.to_numpy() == np.flatnonzero(part == "test")).all()
-    predict.write(found, tmp_path / "a.parquet")
-    predict.write(found, tmp_path / "b.parquet")
+    predict.write(predictions, tmp_path / "a.parquet")
+    predict.write(predictions, tmp_path / "b.parquet")
     assert (tmp_path / "a.parquet").read_bytes() == (tmp_path / "b.parquet").read_bytes()
-    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "a.parquet"), found)
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "a.parquet"), predictions)

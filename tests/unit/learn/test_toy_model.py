@@ -63,25 +63,27 @@ def test_it_is_trained_kept_and_applied(name, informed):
     if informed:
         recipe = train.Recipe(RECIPE.optimiser, BUDGET, 5.0, 0.03, latent_dim=8)
         name = models.PHYSICS_INFORMED + name
-    trained = train.train_model(DATA, PART, name, recipe if informed else RECIPE, 1)
+    trained = train.train_model(train.Split(DATA, PART), name, recipe if informed else RECIPE, 1)
     assert trained.header["model"] == name and trained.seeds() == [1]
-    found = predict.predict_seeds(trained, DATA.delta_V[:20])
-    assert found.shape == (1, 20, 3) and np.isfinite(found).all()
+    states = predict.predict_seeds(trained, DATA.delta_V[:20])
+    assert states.shape == (1, 20, 3) and np.isfinite(states).all()
 
 
 def test_its_encoder_is_its_teacher_s(tmp_path):
-    job = (train.Optimiser(), BUDGET, 1, 1)
+    job = (train.Optimiser(), BUDGET, train.Seeds(1, 1))
     teacher, output = tmp_path / "autoencoder.pt", tmp_path / "a.pt"
-    train.train_autoencoder(DATA, PART, teacher, *job, 8)
-    train.train_predictor(DATA, PART, "toy-latent-line", output, RECIPE, 1, 1, [teacher])
+    train.train_autoencoder(train.Split(DATA, PART), teacher, *job, 8)
+    train.train_predictor(
+        train.Split(DATA, PART), "toy-latent-line", output, RECIPE, train.Seeds(1, 1), [teacher]
+    )
     trained, taught = model_file.read(output).tensors, model_file.read(teacher).tensors
     encoders = [key for key in trained if "/encoder." in key]
     assert encoders and all((trained[key] == taught[key]).all() for key in encoders)
 
 
 def test_the_configuration_and_the_rules_know_it():
-    found = schema(ROOT / "workflow" / "schemas" / "config.schema.yaml")["$defs"]["models"]
-    assert {"toy-line", "physics-informed-toy-line"} < {*found["items"]["enum"]}
+    model_schema = schema(ROOT / "workflow" / "schemas" / "config.schema.yaml")["$defs"]["models"]
+    assert {"toy-line", "physics-informed-toy-line"} < {*model_schema["items"]["enum"]}
     assert {name for name in models.names() if models.model(name).encoder} == {
         start + name
         for start in ("", models.PHYSICS_INFORMED)

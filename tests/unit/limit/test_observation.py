@@ -37,7 +37,7 @@ EXPERIMENT = Experiment(
 
 @pytest.fixture(scope="module")
 def model():
-    return EXPERIMENT.unknown()
+    return EXPERIMENT.prior_session()
 
 
 def drawn(model, seed):
@@ -62,7 +62,7 @@ def test_unknowns_are_the_configuration_s(model):
 def test_an_untied_odd_or_partial_gain_spread():
     odd = {"name": "channel-gain", "parameters": {"gain": {"sd": 0.1, "tie": "mirror"}}}
     gains = [{**odd, "channels": [3, 4, 7]}]
-    spread = replace(EXPERIMENT, effects=gains).unknown().gain_spread
+    spread = replace(EXPERIMENT, effects=gains).prior_session().gain_spread
     assert spread.shape == (40, 2) and np.flatnonzero(spread.any(axis=1)).tolist() == [3, 4, 7]
     assert np.array_equal(spread[3], spread[7]) and spread[4] @ spread[3] == 0.0
 
@@ -81,7 +81,7 @@ def test_gradient_of_the_likelihood(model, seed):
 def test_channels_that_are_read_have_the_density_of_all_with_the_rest_left_out(model, seed):
     read = np.random.default_rng(seed).choice(len(CHANNELS), 21, replace=False)
     whole, z = drawn(model, seed)
-    sample = Sample(replace(model, read=read), whole.delta_V[read])
+    sample = Sample(replace(model, read_channels=read), whole.delta_V[read])
 
     def density(z):
         e, noise = model.change(whole.state(z), z[3:])
@@ -149,7 +149,7 @@ def test_a_session_known_is_the_simulator(tmp_path, baseline):
     frames = 1 if baseline == "paired" else 4
     experiment = replace(EXPERIMENT, averaged=frames)
     for row in (0, 5, 11):
-        known = experiment.known(1, int(table["session"][row]))
+        known = experiment.drawn_session(1, int(table["session"][row]))
         state = table.loc[row, ["x_mm", "y_mm", "force_N"]].to_numpy(float)
         e, noise = known.change(state, np.zeros(0))
         change = touched[row].astype(float) - untouched[row]

@@ -56,9 +56,9 @@ def test_a_gaussian_posterior_is_met_exactly(seed):
     assert mode.log_evidence == pytest.approx(evidence)
     draws = posterior.draw(linear, [mode], 4000, np.random.default_rng(seed))
     assert np.allclose(draws.weight @ draws.z, linear.mean, atol=1e-9)
-    off = draws.z - linear.mean
-    assert np.allclose((draws.weight * off.T) @ off, linear.covariance, atol=0.02)
-    assert draws.effective == pytest.approx(8000 * (1.42**0.5 / 1.21) ** 5, rel=0.05)
+    deviations = draws.z - linear.mean
+    assert np.allclose((draws.weight * deviations.T) @ deviations, linear.covariance, atol=0.02)
+    assert draws.effective_size == pytest.approx(8000 * (1.42**0.5 / 1.21) ** 5, rel=0.05)
 
 
 def test_errors_of_the_mean_are_as_large_as_the_posterior_says():
@@ -78,8 +78,10 @@ def test_errors_of_the_mean_are_as_large_as_the_posterior_says():
 @pytest.mark.parametrize("tilt", [1.0, 0.25])
 def test_two_modes_are_both_counted(tilt):
     folded = Folded(1.5, 0.1, tilt)
-    found = [posterior.find_mode(folded, np.array([start])) for start in (1.0, -0.7, 2.0, -3.0)]
-    modes = posterior.different(found)
+    modes_of_starts = [
+        posterior.find_mode(folded, np.array([start])) for start in (1.0, -0.7, 2.0, -3.0)
+    ]
+    modes = posterior.distinct_modes(modes_of_starts)
     assert len(modes) == 2
     draws = posterior.draw(folded, modes, 2000, np.random.default_rng(1))
     grid = np.linspace(-5.0, 5.0, 20_001)
@@ -90,5 +92,5 @@ def test_two_modes_are_both_counted(tilt):
 
 def test_a_mode_without_weight_is_left_out():
     folded = Folded(1.5, 0.1, 1e-6)
-    found = [posterior.find_mode(folded, np.array([start])) for start in (1.0, -1.0)]
-    assert [mode.z[0] > 0 for mode in posterior.different(found)] == [True]
+    modes_of_starts = [posterior.find_mode(folded, np.array([start])) for start in (1.0, -1.0)]
+    assert [mode.z[0] > 0 for mode in posterior.distinct_modes(modes_of_starts)] == [True]

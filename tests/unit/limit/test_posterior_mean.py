@@ -32,14 +32,14 @@ def sampled(model, rng):
 
 @pytest.mark.long
 def test_errors_are_as_large_as_the_posterior_says_with_the_skin_known():
-    model = experiment().known(1, 3)
+    model = experiment().drawn_session(1, 3)
     starts, rng = posterior_mean.Starts(model), np.random.default_rng(2)
     pulls, effective = [], []
     for _ in range(60):
         change, state, _ = sampled(model, rng)
-        found = posterior_mean.estimate(model, change, starts.of(change), 32, rng)
-        pulls.append((found["mean"] - state) / found["sd"])
-        effective.append(found["effective"])
+        estimate = posterior_mean.estimate(model, change, starts.nearest(change), 32, rng)
+        pulls.append((estimate["mean"] - state) / estimate["sd"])
+        effective.append(estimate["effective"])
     # mean square of 180 pulls: 1 ± 0.105
     assert np.mean(np.square(pulls)) == pytest.approx(1.0, abs=0.35)
     assert np.median(effective) > 0.5
@@ -48,7 +48,7 @@ def test_errors_are_as_large_as_the_posterior_says_with_the_skin_known():
 @pytest.mark.long
 def test_scores_at_the_truth_are_as_large_as_the_information_says():
     """The posterior's gradient at what was drawn has the precision as its covariance."""
-    model, rng = experiment().unknown(), np.random.default_rng(3)
+    model, rng = experiment().prior_session(), np.random.default_rng(3)
     sizes = []
     for _ in range(40):
         change, _, z = sampled(model, rng)
@@ -60,23 +60,25 @@ def test_scores_at_the_truth_are_as_large_as_the_information_says():
 
 
 def test_an_unknown_skin_s_touch_is_found():
-    model, rng = experiment().unknown(), np.random.default_rng(4)
+    model, rng = experiment().prior_session(), np.random.default_rng(4)
     change, state, _ = sampled(model, rng)
-    found = posterior_mean.estimate(model, change, posterior_mean.Starts(model).of(change), 16, rng)
-    assert (np.abs(found["mean"] - state) < 4.0 * found["sd"]).all()
-    assert found["sd"][:2].max() < 3.0 and found["sd"][2] < 2.0
+    estimate = posterior_mean.estimate(
+        model, change, posterior_mean.Starts(model).nearest(change), 16, rng
+    )
+    assert (np.abs(estimate["mean"] - state) < 4.0 * estimate["sd"]).all()
+    assert estimate["sd"][:2].max() < 3.0 and estimate["sd"][2] < 2.0
 
 
 def test_an_untouched_frame_tells_no_place():
-    model = experiment().known(1, 3)
+    model = experiment().drawn_session(1, 3)
     rng = np.random.default_rng(4)
     noise = model.change(np.zeros(3), np.zeros(0))[1]
     change = noise * rng.standard_normal(208)
-    found = posterior_mean.estimate(
-        model, change, posterior_mean.Starts(model).of(change), 200, rng
+    estimate = posterior_mean.estimate(
+        model, change, posterior_mean.Starts(model).nearest(change), 200, rng
     )
-    assert found["mean"][2] < 0.5
-    assert np.hypot(*found["mean"][:2]) < 30.0 and found["sd"][:2].min() > 15.0
+    assert estimate["mean"][2] < 0.5
+    assert np.hypot(*estimate["mean"][:2]) < 30.0 and estimate["sd"][:2].min() > 15.0
 
 
 def table(n, rng):
@@ -89,39 +91,41 @@ def table(n, rng):
 
 
 def test_scores_are_the_metrics_of_the_models():
-    found = table(200, np.random.default_rng(1))
-    own = Dataset(found, np.zeros((200, 1)), {"configuration": "authors"})
-    rows = score.score(found, own, "continuous", 1)
+    samples = table(200, np.random.default_rng(1))
+    tested_set = Dataset(samples, np.zeros((200, 1)), {"configuration": "authors"})
+    rows = score.score(samples, tested_set, "continuous", 1)
     assert tuple(rows.columns) == score.COLUMNS and len(rows) == 3 * 4
     value = rows.set_index(["target", "metric"])
-    truth, mean = found["x_mm"].to_numpy(), found["x_mm_mean"].to_numpy()
+    truth, mean = samples["x_mm"].to_numpy(), samples["x_mm_mean"].to_numpy()
     for name, metric in metrics.METRICS.items():
         assert value.loc[("x", name), "value"] == metric(truth, mean)
     assert value.loc[("x", "z2"), "value"] == pytest.approx(1.0, abs=0.3)
     assert (rows["low"] < rows["value"]).all() and (rows["value"] < rows["high"]).all()
     assert set(rows["configuration"]) == {"authors"} and set(rows["samples"]) == {200}
-    pd.testing.assert_frame_equal(rows, score.score(found, own, "continuous", 1))
+    pd.testing.assert_frame_equal(rows, score.score(samples, tested_set, "continuous", 1))
 
 
 def test_samples_are_tested_ones_and_the_same_each_time(monkeypatch):
     monkeypatch.setattr(posterior_mean, "PLACES", 40)
-    own, rng = experiment(), np.random.default_rng(6)
-    known = [own.known(1, session) for session in range(3)]
-    changes, states, _ = zip(*(sampled(known[k // 4], rng) for k in range(12)), strict=True)
+    prior, rng = experiment(), np.random.default_rng(6)
+    sessions = [prior.drawn_session(1, session) for session in range(3)]
+    changes, states, _ = zip(*(sampled(sessions[k // 4], rng) for k in range(12)), strict=True)
     frame = pd.DataFrame(np.array(states), columns=list(score.TARGETS.values()))
     frame.insert(0, "sample", np.arange(12))
     frame.insert(1, "session", np.arange(12) // 4)
-    made = Dataset(frame, np.array(changes, dtype=np.float32), {})
+    tested_set = Dataset(frame, np.array(changes, dtype=np.float32), {})
     part = np.where(np.arange(12) // 4 == 1, "test", "train")
-    first, again = (posterior_mean.estimates(own, made, part, 1, 2, 4) for _ in range(2))
-    pd.testing.assert_frame_equal(first, again)
-    assert list(first["estimate"]) == ["limit", "limit_known"] * 2
-    assert set(first["session"]) == {1} and first["sample"].nunique() == 2
+    estimates, repeated = (
+        posterior_mean.estimates(prior, tested_set, part, 1, 2, 4) for _ in range(2)
+    )
+    pd.testing.assert_frame_equal(estimates, repeated)
+    assert list(estimates["estimate"]) == ["limit", "limit_known"] * 2
+    assert set(estimates["session"]) == {1} and estimates["sample"].nunique() == 2
 
 
 def test_bounds_at_the_text_s_noise_are_those_computed_before():
     """0.6 to 0.8 mm and 0.42 N, medians over places; noise on one frame, the skin known."""
-    model = experiment(noise=0.02, averaged=10**9).unknown().at_mean()
+    model = experiment(noise=0.02, averaged=10**9).prior_session().at_mean()
     grid, rng = polar_grid(80.0, 8, 24, 0.1, 0.9, 16.0), np.random.default_rng(1)
     places = [place for k, place in enumerate(grid.itertuples()) if k % 5 == 0 and k < 168]
     bounds = [
@@ -133,15 +137,15 @@ def test_bounds_at_the_text_s_noise_are_those_computed_before():
 
 def test_what_is_unknown_widens_the_bound_and_what_is_not_drawn_does_not():
     state = np.array([40.0, 10.0, 6.0])
-    known, unknown = (
+    known_bound, unknown_bound = (
         cramer_rao.bound(model, state)
-        for model in (experiment().unknown().at_mean(), experiment().unknown())
+        for model in (experiment().prior_session().at_mean(), experiment().prior_session())
     )
-    assert (unknown >= known).all() and unknown[0] > 1.5 * known[0]
+    assert (unknown_bound >= known_bound).all() and unknown_bound[0] > 1.5 * known_bound[0]
     sure = [
         {**e, "parameters": {k: _still(v) for k, v in e["parameters"].items()}} for e in EFFECTS
     ]
-    assert np.allclose(cramer_rao.bound(experiment(sure).unknown(), state), known)
+    assert np.allclose(cramer_rao.bound(experiment(sure).prior_session(), state), known_bound)
 
 
 def _still(value):
@@ -150,14 +154,14 @@ def _still(value):
 
 def test_the_posterior_is_near_its_bound_where_the_prior_says_little():
     """Away from the rim and at middling force a known skin's posterior sd is about the bound's."""
-    model = experiment().known(1, 3)
+    model = experiment().drawn_session(1, 3)
     state, rng = np.array([45.0, 20.0, 5.0]), np.random.default_rng(5)
     e, noise = model.change(state, np.zeros(0))
     change = model.mixing @ e + noise * rng.standard_normal(208)
-    found = posterior_mean.estimate(
-        model, change, posterior_mean.Starts(model).of(change), 100, rng
+    estimate = posterior_mean.estimate(
+        model, change, posterior_mean.Starts(model).nearest(change), 100, rng
     )
-    assert found["sd"] == pytest.approx(cramer_rao.bound(model, state), rel=0.3)
+    assert estimate["sd"] == pytest.approx(cramer_rao.bound(model, state), rel=0.3)
 
 
 def test_the_table_of_bounds_leaves_out_the_rim():

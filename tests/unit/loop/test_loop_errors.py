@@ -6,10 +6,10 @@ import pytest
 
 from eitskin.data import dataset, recording, splits
 from eitskin.learn import transfer_runs
-from eitskin.learn.train import Budget, Optimiser, Recipe
+from eitskin.learn.train import Budget, Optimiser, Recipe, Split
 from loop import errors, labelled
-from loop.alike import alike
-from loop.naming import AUTHORS, BELIEF, DIAGNOSIS, LABELS, TRUTH, named
+from loop.imitation import PressPrior, imitated_presses
+from loop.naming import AUTHORS, BELIEF, DIAGNOSIS, LABELS, TRUTH, cases_by_name
 from loop_skin import FORCES, JITTER, LAW
 from small_skin import SKIN, small_recording
 
@@ -22,11 +22,11 @@ def folder(tmp_path_factory):
     target = dataset.from_recording(recorded, "bench")
     labelled.write(recorded, target, folder, 1)
     (folder / "truth.json").write_text(json.dumps({"true": SKIN.metadata(), "effects": [LAW]}))
-    found = folder / "diagnosis"
-    found.mkdir()
-    (found / "diagnosis.json").write_text(json.dumps({"calibration": {}, "effects": []}))
+    diagnosis_folder = folder / "diagnosis"
+    diagnosis_folder.mkdir()
+    (diagnosis_folder / "diagnosis.json").write_text(json.dumps({"calibration": {}, "effects": []}))
     twin = {"twin": {"skin": SKIN.metadata(), "effects": [LAW]}}
-    (found / "effects.yaml").write_text(json.dumps(twin))  # which is YAML
+    (diagnosis_folder / "effects.yaml").write_text(json.dumps(twin))  # which is YAML
     return folder
 
 
@@ -42,16 +42,15 @@ def run(folder, source):
 def both(source, folder, target, part):
     """Errors of two seeds."""
     recipe = Recipe(Optimiser(), Budget(150, 2), 5.0)
-    job = (source, "mlp", folder, target, part, recipe)
-    return pd.concat(
-        [errors.errors(*job, 1 + k, k, [JITTER], FORCES, 8.0) for k in range(2)], ignore_index=True
-    )
+    case = errors.Case(folder, Split(target, part), [JITTER], PressPrior(FORCES, 8.0))
+    runs = [errors.errors(case, source, "mlp", recipe, 1 + k, k) for k in range(2)]
+    return pd.concat(runs, ignore_index=True)
 
 
 def test_a_diagnosis_sees_no_tested_touch_and_few_labels(folder):
     target, part = parts(folder)
-    seen = recording.read(folder / "recording.parquet")
-    touched = seen.frames[seen.frames["touch"]]
+    shown_recording = recording.read(folder / "recording.parquet")
+    touched = shown_recording.frames[shown_recording.frames["touch"]]
     labels = target.table[part == "train"]
     columns = ["x_mm", "y_mm", "force_N"]
     np.testing.assert_array_equal(touched[columns], labels[columns])
@@ -59,13 +58,15 @@ def test_a_diagnosis_sees_no_tested_touch_and_few_labels(folder):
     places = {*target.table["place"][part == "test"]}
     assert places and not places & {*target.table["place"][part != "test"]}
     free = [k for k in range(40) if k not in places]  # places are presses here
-    untouched = ~seen.frames["touch"]
+    untouched = ~shown_recording.frames["touch"]
     assert untouched.sum() == len(free) + 4 * (0 in free)
     pressed = np.unique(labels["place"])
-    imitated = seen.frames["note_imitated"].astype(bool)
+    imitated = shown_recording.frames["note_imitated"].astype(bool)
     assert imitated[~untouched].all() and imitated[untouched].sum() == len(pressed)
-    again = alike(seen, 1, np.random.default_rng(1), FORCES, 8.0)
-    assert (~again["touch"]).sum() == len(pressed)
+    imitated_frames = imitated_presses(
+        shown_recording, 1, np.random.default_rng(1), PressPrior(FORCES, 8.0)
+    )
+    assert (~imitated_frames["touch"]).sum() == len(pressed)
 
 
 @pytest.mark.parametrize("source", [BELIEF, AUTHORS, DIAGNOSIS, TRUTH])
@@ -92,7 +93,7 @@ def test_labels_alone_are_the_reference_where_they_are_enough(folder):
 
 
 def test_cases_are_named_by_kind_and_seed():
-    assert named({"single:contact-law": [3], "pair": [1, 2]}) == {
+    assert cases_by_name({"single:contact-law": [3], "pair": [1, 2]}) == {
         "single-contact-law-3": ("single:contact-law", 3),
         "pair-1": ("pair", 1),
         "pair-2": ("pair", 2),

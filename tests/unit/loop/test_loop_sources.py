@@ -9,33 +9,40 @@ from eitskin.data.recording import Recording
 from eitskin.diagnose.noise.estimate import estimate_noise
 from eitskin.errors import InputError
 from loop import sources
+from loop.imitation import PressPrior
 from loop_skin import FORCES, JITTER, LAW
 from small_skin import METADATA, SKIN, small_recording
 
 
 @pytest.fixture(scope="module")
 def recorded():
-    made = small_recording(LAW)
-    contact = np.where(made.frames["touch"], np.arange(len(made.frames)) // 5, -1)
-    made.frames["contact"] = contact
-    made.frames["contact"] = made.frames["contact"].astype("Int64").where(made.frames["touch"])
-    return made
+    touched_recording = small_recording(LAW)
+    contact = np.where(
+        touched_recording.frames["touch"], np.arange(len(touched_recording.frames)) // 5, -1
+    )
+    touched_recording.frames["contact"] = contact
+    touched_recording.frames["contact"] = (
+        touched_recording.frames["contact"].astype("Int64").where(touched_recording.frames["touch"])
+    )
+    return touched_recording
 
 
 def made_by(simulator, recorded, seed=1, samples=150):
-    return sources.source_set(simulator, recorded, samples, seed, FORCES, 8.0, "a set")
+    prior = PressPrior(FORCES, 8.0)
+    split = sources.source_set(simulator, recorded, samples, seed, prior, "a set")
+    return split.dataset, split.part
 
 
 def test_sets_of_one_seed_differ_in_physics_alone(recorded):
     plain, part = made_by(sources.Simulator(SKIN, []), recorded)
-    again, _ = made_by(sources.Simulator(SKIN, []), recorded)
+    repeated, _ = made_by(sources.Simulator(SKIN, []), recorded)
     law, of_law = made_by(sources.Simulator(SKIN, [LAW]), recorded)
     assert plain.table.equals(law.table) and (part == of_law).all()
-    assert np.array_equal(plain.delta_V, again.delta_V)
+    assert np.array_equal(plain.delta_V, repeated.delta_V)
     sd = estimate_noise(recorded).sd
     assert np.abs(plain.delta_V - law.delta_V).max() > 20.0 * sd.max()
-    other, _ = made_by(sources.Simulator(SKIN, []), recorded, seed=2)
-    assert not other.table.equals(plain.table)
+    seed_2, _ = made_by(sources.Simulator(SKIN, []), recorded, seed=2)
+    assert not seed_2.table.equals(plain.table)
     assert {*part} == {"train", "validation"} and (part == "train").sum() >= 150
     sessions = plain.table["session"]
     assert not {*sessions[part == "train"]} & {*sessions[part == "validation"]}
@@ -43,12 +50,14 @@ def test_sets_of_one_seed_differ_in_physics_alone(recorded):
 
 def test_noise_is_the_recording_s_on_touched_and_untouched_frame(recorded):
     clean = sources.Simulator(SKIN, [])
-    one, _ = made_by(clean, recorded, 1, 600)
-    sessions = one.table["session"].nunique()
-    frames = sources.alike(recorded, sessions, np.random.default_rng([1, 4]), FORCES, 8.0)
+    noisy_set, _ = made_by(clean, recorded, 1, 600)
+    sessions = noisy_set.table["session"].nunique()
+    frames = sources.imitated_presses(
+        recorded, sessions, np.random.default_rng([1, 4]), PressPrior(FORCES, 8.0)
+    )
     exact = Recording(frames, clean.readings(frames, recorded, 1), None, None, METADATA)
     truth = dataset.from_recording(exact, "exact").delta_V
-    spread = (one.delta_V - truth).std(axis=0) / estimate_noise(recorded).sd
+    spread = (noisy_set.delta_V - truth).std(axis=0) / estimate_noise(recorded).sd
     # The first press of a session has five untouched frames to its baseline, the others one.
     assert spread.mean() == pytest.approx(np.sqrt(2.0), rel=0.08)
 
@@ -64,28 +73,37 @@ def test_the_diagnosed_simulator_is_what_effects_yaml_says(tmp_path):
     twin = {"skin": SKIN.metadata(), "protocol": {}, "effects": [LAW], "noise": 1e-3}
     path = tmp_path / "effects.yaml"
     path.write_text(json.dumps({"twin": twin}))  # which is YAML
-    found = sources.diagnosed(path, {"calibration": {}})
-    assert (found.skin, found.effects, found.factor, found.drawn) == (SKIN, [LAW], 1.0, False)
+    simulator = sources.diagnosed(path, {"calibration": {}})
+    assert (simulator.skin, simulator.effects, simulator.factor, simulator.drawn) == (
+        SKIN,
+        [LAW],
+        1.0,
+        False,
+    )
     scaled = sources.diagnosed(path, {"calibration": {"factor": {"value": 3.0}}})
     assert scaled.factor == 3.0
 
 
 def test_drawn_effects_change_from_session_to_session(recorded):
-    frames = sources.alike(recorded, 2, np.random.default_rng(1), FORCES, 8.0)
+    frames = sources.imitated_presses(
+        recorded, 2, np.random.default_rng(1), PressPrior(FORCES, 8.0)
+    )
     drawn = sources.Simulator(SKIN, [JITTER], drawn=True).readings(frames, recorded, 1)
     free = np.flatnonzero(~frames["touch"])
-    first, last = drawn[free[0]], drawn[free[-1]]
-    assert np.abs(first - last).max() > 1e-3 * np.abs(first).max()
-    same = sources.Simulator(SKIN, []).readings(frames, recorded, 1)
-    np.testing.assert_allclose(same[free[0]], same[free[-1]])
+    session_0, session_1 = drawn[free[0]], drawn[free[-1]]
+    assert np.abs(session_0 - session_1).max() > 1e-3 * np.abs(session_0).max()
+    constant = sources.Simulator(SKIN, []).readings(frames, recorded, 1)
+    np.testing.assert_allclose(constant[free[0]], constant[free[-1]])
 
 
 def test_the_truth_is_the_same_physics_by_another_solver(recorded):
-    told = {"true": SKIN.metadata(), "effects": [LAW]}
-    frames = sources.alike(recorded, 1, np.random.default_rng(2), FORCES, 8.0)
-    own = sources.truth(told, recorded).readings(frames, recorded, 1)
+    truth_json = {"true": SKIN.metadata(), "effects": [LAW]}
+    frames = sources.imitated_presses(
+        recorded, 1, np.random.default_rng(2), PressPrior(FORCES, 8.0)
+    )
+    readings = sources.truth(truth_json, recorded).readings(frames, recorded, 1)
     ours = sources.Simulator(SKIN, [LAW], factor=2.0).readings(frames, recorded, 1)
-    np.testing.assert_allclose(2.0 * own, ours, atol=2e-3 * np.median(np.abs(own)))
+    np.testing.assert_allclose(2.0 * readings, ours, atol=2e-3 * np.median(np.abs(readings)))
 
 
 def test_differences_are_refused(recorded):

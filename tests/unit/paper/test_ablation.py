@@ -38,8 +38,8 @@ def test_one_choice_is_varied_and_its_default_is_shared():
 def test_only_what_a_teacher_depends_on_needs_other_teachers():
     varied = {"lambda_latent": [0.1], "latent_dim": [4], "force_weight": [1.0], "samples": [750]}
     named = ablation.settings({**TRAINING, "samples": 6000}, varied)
-    own = {name for name in named if ablation.has_own_teachers(name)}
-    assert own == {"latent_dim-4", "samples-750"}
+    settings_with_teachers = {name for name in named if ablation.has_own_teachers(name)}
+    assert settings_with_teachers == {"latent_dim-4", "samples-750"}
 
 
 def test_the_grid_has_every_combination_once_in_whatever_order_it_is_written():
@@ -57,18 +57,18 @@ def test_a_tenth_less_of_any_target_s_error_counts_alike():
     def scored(x, force):
         return pd.concat([by_seed([x, x], target="x"), by_seed([force, force])])
 
-    one = ablation.score(scored(2.0, 0.5))
-    assert one == pytest.approx(1.0)
+    reference_score = ablation.score(scored(2.0, 0.5))
+    assert reference_score == pytest.approx(1.0)
     assert ablation.score(scored(1.8, 0.5)) == pytest.approx(ablation.score(scored(2.0, 0.45)))
     scores = {"a": scored(2.0, 0.5), "b": scored(2.2, 0.4), "c": scored(2.2, 0.4)}
     assert ablation.best(scores) == "b"
 
 
 def test_points_of_a_grid_make_a_table_with_the_best_of_each_model_marked(tmp_path):
-    about = {"dataset": "a set", "split": "random"}
+    model_columns = {"dataset": "a set", "split": "random"}
     point = {"widths": [64, 32], "learning_rate": 1e-3, "weight_decay": 0.0, "force_weight": 1.0}
     rows = [
-        tuning.row(by_seed(values), {**about, "model": model}, point, "full")
+        tuning.row(by_seed(values), {**model_columns, "model": model}, point, "full")
         for model, values in (("mlp", [0.5, 0.7]), ("mlp", [0.5, 0.6]), ("cnn", [0.9, 0.9]))
     ]
     tuning.write(rows, tmp_path / "tuning.csv")
@@ -125,8 +125,8 @@ def test_tables_are_written_with_their_columns(tmp_path):
     varied = ablation.varied_rows(by_seed(values), {"study": "samples", "value": None, **place})
     tuned = {"plain_setting": "force weight 1", "informed_setting": "force weight 5"}
     plain, informed = [0.5, 0.52, 0.51, 0.51, 0.51], [0.4, 0.43, 0.42, 0.41, 0.415]
-    about = place | tuned | {"widths": "64x32"}
-    compared = ablation.compared_rows(by_seed(plain), by_seed(informed), about)
+    setting_columns = place | tuned | {"widths": "64x32"}
+    compared = ablation.compared_rows(by_seed(plain), by_seed(informed), setting_columns)
     paths = [tmp_path / name for name in ("ablation.csv", "latent_loss.csv", "ablation.md")]
     ablation.write(varied, compared, *paths)
     assert list(pd.read_csv(paths[0])) == list(ablation.VARIED)

@@ -7,12 +7,12 @@ from eitskin.paper import figure_1
 
 
 def test_the_press_shown_is_nearest_to_half_the_radius_and_its_frames_rise(make_recording):
-    made = make_recording(presses=20)
-    shown = figure_1.press(made, "bench")
-    frames = made.frames[made.frames["touch"]]
-    off = (np.hypot(frames["x_mm"], frames["y_mm"]) / 80.0 - 0.5).abs()
-    assert abs(abs(shown.place) / 80.0 - 0.5) == pytest.approx(off.min())
-    rows = made.frames.set_index("frame").loc[shown.frame]
+    recorded = make_recording(presses=20)
+    shown = figure_1.press(recorded, "bench")
+    frames = recorded.frames[recorded.frames["touch"]]
+    radius_deviation = (np.hypot(frames["x_mm"], frames["y_mm"]) / 80.0 - 0.5).abs()
+    assert abs(abs(shown.place) / 80.0 - 0.5) == pytest.approx(radius_deviation.min())
+    rows = recorded.frames.set_index("frame").loc[shown.frame]
     assert rows["touch"].all()
     assert rows["x_mm"].to_numpy() == pytest.approx(shown.place.real)
     assert shown.force_N.tolist() == rows["force_N"].tolist()
@@ -20,11 +20,11 @@ def test_the_press_shown_is_nearest_to_half_the_radius_and_its_frames_rise(make_
 
 @pytest.mark.parametrize("magnitude", [False, True])
 def test_both_images_light_up_at_the_touch_and_tell_the_rise(make_recording, magnitude):
-    made = make_recording(presses=20)
+    recorded = make_recording(presses=20)
     if magnitude:
-        made.voltage = np.abs(made.voltage)
-        made.metadata["voltage"] = "magnitude"
-    shown = figure_1.press(made, "bench")
+        recorded.voltage = np.abs(recorded.voltage)
+        recorded.metadata["voltage"] = "magnitude"
+    shown = figure_1.press(recorded, "bench")
     strongest = np.nanargmax(shown.force_N)
     for image, reach in ((shown.noser, 10.0), (shown.projected, 5.0)):
         place = shown.places[image[strongest].argmax()] * 80.0
@@ -36,18 +36,18 @@ def test_both_images_light_up_at_the_touch_and_tell_the_rise(make_recording, mag
 
 
 def test_the_level_of_the_readings_does_not_matter(make_recording):
-    made = make_recording(presses=10)
-    before = figure_1.press(made, "bench")
-    made.voltage = 1e3 * made.voltage
-    made.metadata["unit"] = "arbitrary"
-    after = figure_1.press(made, "bench")
-    np.testing.assert_allclose(after.noser, before.noser, rtol=1e-6, atol=1e-9)
+    recorded = make_recording(presses=10)
+    press_at_level = figure_1.press(recorded, "bench")
+    recorded.voltage = 1e3 * recorded.voltage
+    recorded.metadata["unit"] = "arbitrary"
+    after = figure_1.press(recorded, "bench")
+    np.testing.assert_allclose(after.noser, press_at_level.noser, rtol=1e-6, atol=1e-9)
 
 
 def test_lost_channels_leave_an_image(make_recording):
-    made = make_recording(presses=10)
-    made.voltage[:, 7] = np.nan
-    shown = figure_1.press(made, "bench")
+    recorded = make_recording(presses=10)
+    recorded.voltage[:, 7] = np.nan
+    shown = figure_1.press(recorded, "bench")
     assert np.isnan(shown.change[:, 7]).all() and np.isfinite(shown.noser).all()
 
 
@@ -62,10 +62,10 @@ def test_lost_channels_leave_an_image(make_recording):
     ],
 )
 def test_what_cannot_be_drawn_is_refused(make_recording, change, message):
-    made = make_recording(presses=3)
-    change(made)
+    recorded = make_recording(presses=3)
+    change(recorded)
     with pytest.raises(InputError, match=message):
-        figure_1.press(made, "bench")
+        figure_1.press(recorded, "bench")
 
 
 def test_every_electrode_is_drawn_whole(make_recording):
@@ -74,20 +74,20 @@ def test_every_electrode_is_drawn_whole(make_recording):
     for axes in figure.axes:
         for line in [line for line in axes.lines if line.get_marker() == "s"]:
             half = 0.5 * line.get_markersize() / 72 * figure.dpi
-            at = line.get_transform().transform(line.get_xydata())
+            pixels = line.get_transform().transform(line.get_xydata())
             box = axes.get_window_extent()
-            assert (at >= [box.x0 + half, box.y0 + half]).all()
-            assert (at <= [box.x1 - half, box.y1 - half]).all()
+            assert (pixels >= [box.x0 + half, box.y0 + half]).all()
+            assert (pixels <= [box.x1 - half, box.y1 - half]).all()
 
 
 def test_files_are_the_same_for_the_same_recording(make_recording, tmp_path):
-    made = make_recording(presses=3)
-    found = []
+    recorded = make_recording(presses=3)
+    file_bytes = []
     for k in range(2):
         files = [tmp_path / f"{k}.{kind}" for kind in ("svg", "png", "csv")]
-        figure_1.write(made, "bench", *files)
-        found.append([file.read_bytes() for file in files])
-    assert found[0] == found[1]
+        figure_1.write(recorded, "bench", *files)
+        file_bytes.append([file.read_bytes() for file in files])
+    assert file_bytes[0] == file_bytes[1]
     table = pd.read_csv(tmp_path / "0.csv")
     counts = table["panel"].value_counts()
     assert counts["untouched frame"] == 208 and counts["change"] == 208 * 4

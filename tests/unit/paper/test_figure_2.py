@@ -67,8 +67,8 @@ def test_no_boxes_overlap_and_all_lie_within_their_stage(house):
     for (_, (xa, ya)), (_, (xb, yb)) in combinations(layout.box.items(), 2):
         assert abs(xa - xb) >= 2 * half or abs(ya - yb) >= figure_2.BOX
     for rule, (x, y) in layout.box.items():
-        left, top, width, height = layout.frame[house.stage[rule]]
-        assert left <= x - half and x + half <= left + width
+        left_edge, top, width, height = layout.frame[house.stage[rule]]
+        assert left_edge <= x - half and x + half <= left_edge + width
         assert top <= y - 0.5 * figure_2.BOX and y + 0.5 * figure_2.BOX <= top + height
     assert max(x + w for x, _, w, _ in layout.frame.values()) <= 180.0
     assert min(y for _, y, _, _ in layout.frame.values()) >= 0.0
@@ -78,14 +78,14 @@ def test_arrows_that_pass_a_column_pass_its_stages(house):
     layout = Layout(house)
     passed = 0
     for edge in layout.drawn:
-        if layout._of(edge[0]) == layout._of(edge[1]):
+        if layout._column_of(edge[0]) == layout._column_of(edge[1]):
             continue
-        way = layout.way(edge)
+        way = layout.waypoints(edge)
         assert way[0][0] < way[-1][0]
         for x, y in way[1:-1]:
             passed += 1
-            for left, top, width, height in layout.frame.values():
-                assert not (left <= x <= left + width and top < y < top + height)
+            for left_edge, top, width, height in layout.frame.values():
+                assert not (left_edge <= x <= left_edge + width and top < y < top + height)
     assert passed
 
 
@@ -98,8 +98,8 @@ def test_every_rule_of_the_workflow_has_a_stage():
 
 
 def test_long_names_are_broken_at_an_underscore():
-    assert figure_2._broken("train_autoencoder") == "train_\nautoencoder"
-    assert figure_2._broken("figure_1") == "figure_1"
+    assert figure_2._wrapped("train_autoencoder") == "train_\nautoencoder"
+    assert figure_2._wrapped("figure_1") == "figure_1"
 
 
 def test_it_is_drawn_with_every_rule_in_it(house, tmp_path):

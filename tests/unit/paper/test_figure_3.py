@@ -23,16 +23,16 @@ def test_they_are_pearson_s(touches):
             change = sign[channel] * touches.delta_V[:, channel].astype(float)
             expected = np.corrcoef(change, touches.table[column])[0, 1]
             assert r[channel] == pytest.approx(expected, abs=1e-6)
-        own = table[table["target"] == target]
-        assert own["mean_abs_r"].iloc[0] == pytest.approx(own["r"].abs().mean())
+        target_rows = table[table["target"] == target]
+        assert target_rows["mean_abs_r"].iloc[0] == pytest.approx(target_rows["r"].abs().mean())
 
 
 def test_signed_readings_and_magnitudes_tell_the_same(make_recording):
-    made = make_recording(presses=40)
-    signed = figure_3.correlations(dataset.from_recording(made, "bench"))
-    made.voltage = np.abs(made.voltage)
-    made.metadata["voltage"] = "magnitude"
-    magnitude = figure_3.correlations(dataset.from_recording(made, "bench"))
+    recorded = make_recording(presses=40)
+    signed = figure_3.correlations(dataset.from_recording(recorded, "bench"))
+    recorded.voltage = np.abs(recorded.voltage)
+    recorded.metadata["voltage"] = "magnitude"
+    magnitude = figure_3.correlations(dataset.from_recording(recorded, "bench"))
     np.testing.assert_allclose(signed["r"], magnitude["r"], atol=1e-4)
 
 
@@ -45,8 +45,10 @@ def test_a_channel_that_never_changes_correlates_with_nothing(touches):
 
 def test_files_are_written_and_hold_both(touches, tmp_path):
     files = [tmp_path / f"figure.{kind}" for kind in ("svg", "png", "csv")]
-    other = dataset.Dataset(touches.table, touches.delta_V, touches.metadata | {"name": "other"})
-    figure_3.write(touches, other, *files)
+    simulated = dataset.Dataset(
+        touches.table, touches.delta_V, touches.metadata | {"name": "other"}
+    )
+    figure_3.write(touches, simulated, *files)
     assert all(file.stat().st_size > 1000 for file in files)
     assert set(pd.read_csv(files[2])["dataset"]) == {"bench", "other"}
 

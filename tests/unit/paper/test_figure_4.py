@@ -18,9 +18,9 @@ def touches(make_recording):
 def predicted(touches, error_N, seeds=(3, 4)):
     """Predictions of every sample, off by `error_N` (one a seed), and their metrics."""
     tables = []
-    for seed, off in zip(seeds, error_N, strict=True):
+    for seed, offset_N in zip(seeds, error_N, strict=True):
         table = touches.table[["sample", "x_mm", "y_mm", "force_N"]].copy()
-        table["force_N"] += off
+        table["force_N"] += offset_N
         table.insert(1, "seed", seed)
         tables.append(table.assign(touch=True, abstain=False))
     predictions = pd.concat(tables, ignore_index=True)
@@ -30,9 +30,9 @@ def predicted(touches, error_N, seeds=(3, 4)):
 
 def test_worst_and_best_are_by_the_mean_over_the_seeds(touches):
     errors = {"a": (0.1, 0.5), "b": (0.4, 0.4), "c": (0.2, 0.2)}
-    rows = {model: predicted(touches, off)[1] for model, off in errors.items()}
-    chosen = figure_4.choose(rows)
-    assert (chosen.worst, chosen.best, chosen.models) == ("b", "c", ("a", "b", "c"))
+    rows = {model: predicted(touches, offsets_N)[1] for model, offsets_N in errors.items()}
+    choice = figure_4.choose(rows)
+    assert (choice.worst, choice.best, choice.models) == ("b", "c", ("a", "b", "c"))
 
 
 def test_one_model_and_a_model_without_force_are_refused(touches):
@@ -49,46 +49,54 @@ def test_errors_by_place_are_means_over_samples_and_seeds(touches):
     assert len(places) == touches.table["place"].nunique()
     np.testing.assert_allclose(places["mae_N"], 0.5)
     assert places["samples"].sum() == 2 * len(touches.table)
-    first = touches.table[touches.table["place"] == places["place"][0]]
-    assert places["x_mm"][0] == pytest.approx(first["x_mm"].mean())
+    place_rows = touches.table[touches.table["place"] == places["place"][0]]
+    assert places["x_mm"][0] == pytest.approx(place_rows["x_mm"].mean())
 
 
 def test_truth_and_prediction_stand_side_by_side(touches):
     predictions, _ = predicted(touches, (0.25, -0.75))
     table = figure_4.joined(predictions, touches, "mlp")
-    off = (table["predicted_N"] - table["force_N"]).groupby(table["seed"]).mean()
-    np.testing.assert_allclose(off, [0.25, -0.75])
+    mean_error = (table["predicted_N"] - table["force_N"]).groupby(table["seed"]).mean()
+    np.testing.assert_allclose(mean_error, [0.25, -0.75])
 
 
 def test_no_place_hides_another_and_the_largest_error_is_told():
     """On the paper's grid, whose innermost places lie 2 mm apart."""
     radius, angle = np.meshgrid(np.linspace(8.0, 72.0, 8), np.arange(24) * np.pi / 12)
-    at = (radius * np.exp(1j * angle)).ravel()
-    error = np.linspace(0.1, 1.0, len(at))
-    columns = {"x_mm": at.real, "y_mm": at.imag, "force_N": 5.0, "predicted_N": 5.0 + error}
-    table = pd.DataFrame({"model": "mlp", "seed": 1, "place": np.arange(len(at)), **columns})
+    place_mm = (radius * np.exp(1j * angle)).ravel()
+    error = np.linspace(0.1, 1.0, len(place_mm))
+    columns = {
+        "x_mm": place_mm.real,
+        "y_mm": place_mm.imag,
+        "force_N": 5.0,
+        "predicted_N": 5.0 + error,
+    }
+    table = pd.DataFrame({"model": "mlp", "seed": 1, "place": np.arange(len(place_mm)), **columns})
     axes = figure_4.draw(table, table, 80.0, even_angles(16)).axes
-    (mesh,) = [one for one in axes[2].collections if len(one.get_array().compressed()) > 1000]
+    (mesh,) = [
+        artist for artist in axes[2].collections if len(artist.get_array().compressed()) > 1000
+    ]
     value, pixels = np.unique(mesh.get_array().compressed(), return_counts=True)
     np.testing.assert_allclose(value, error)
     assert pixels.min() > 50
     middle = mesh.get_array()[figure_4.ACROSS // 2, -figure_4.ACROSS // 20]
-    assert middle == pytest.approx(error[np.abs(at - 76.0).argmin()])
+    assert middle == pytest.approx(error[np.abs(place_mm - 76.0).argmin()])
     assert (error > mesh.norm.vmax).mean() == pytest.approx(1 - figure_4.SHOWN, abs=0.005)
-    assert any(one.get_xlabel().endswith("largest 1.00") for one in axes)
+    assert any(artist.get_xlabel().endswith("largest 1.00") for artist in axes)
     caption = (ROOT / "workflow" / "report" / "figure_4.rst").read_text(encoding="utf-8")
     assert f"The {1 - figure_4.SHOWN:.0%} of places".replace("%", " %") in caption
 
 
 def test_files_are_written_and_the_numbers_beside_them(touches, tmp_path):
-    rows, paths = {}, {}
-    for model, off in {"mlp": (0.1, 0.2), "cnn": (0.5, 0.6), "svr": (0.3, 0.3)}.items():
-        predictions, rows[model] = predicted(touches, off)
-        paths[model] = tmp_path / f"{model}.parquet"
-        predictions.to_parquet(paths[model])
+    models = {}
+    for model, offsets_N in {"mlp": (0.1, 0.2), "cnn": (0.5, 0.6), "svr": (0.3, 0.3)}.items():
+        predictions, rows = predicted(touches, offsets_N)
+        models[model] = rows, tmp_path / f"{model}.parquet"
+        predictions.to_parquet(models[model][1])
     files = [tmp_path / f"figure.{kind}" for kind in ("svg", "png", "csv")]
-    chosen = figure_4.write(rows, paths, touches, 80.0, even_angles(16), *files)
-    assert (chosen.worst, chosen.best) == ("cnn", "mlp")
+    skin = {"radius_mm": 80.0, "electrode_deg": even_angles(16)}
+    choice = figure_4.write(models, touches, skin, *files)
+    assert (choice.worst, choice.best) == ("cnn", "mlp")
     table = pd.read_csv(files[2])
     assert table.groupby("panel")["model"].unique().map(list).to_dict() == {
         "a": ["cnn"],

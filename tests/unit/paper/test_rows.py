@@ -36,8 +36,8 @@ def test_every_row_of_the_papers_table_is_made_of_its_own_experiment():
     file = ROOT / "workflow" / "config" / "paper.yaml"
     config = yaml.safe_load(file.read_text(encoding="utf-8"))
     paper = pd.read_csv(ROOT / "workflow" / "eitskin" / "paper" / "printed_table_1.csv")
-    made = {model for dataset, split, model in rows(config) if (dataset, split) == PAPERS}
-    assert set(paper["model"]) <= made
+    trained_models = {model for dataset, split, model in rows(config) if (dataset, split) == PAPERS}
+    assert set(paper["model"]) <= trained_models
 
 
 @pytest.fixture
@@ -82,5 +82,5 @@ def test_another_experiment_of_the_same_name_does_not_repeat_the_papers(shipped,
     old = block[key]
     new = "opposite" if isinstance(old, str) else old[::2] if isinstance(old, list) else 2 * old
     block[key] = new
-    kept = ["text"] if place[:2] == ("configurations", "authors") else []
-    assert repeated(shipped) == kept
+    unchanged = ["text"] if place[:2] == ("configurations", "authors") else []
+    assert repeated(shipped) == unchanged

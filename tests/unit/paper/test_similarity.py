@@ -9,8 +9,8 @@ from eitskin.paper import similarity
 from eitskin.paper.similarity import MEASURES, Pool
 
 
-def of(frames, first):
-    return similarity.mmd(cdist(frames, frames, "sqeuclidean"), first)
+def of(frames, size):
+    return similarity.mmd(cdist(frames, frames, "sqeuclidean"), size)
 
 
 def test_mmd_of_two_far_points_is_two_less_twice_the_kernel_at_the_median():
@@ -19,16 +19,16 @@ def test_mmd_of_two_far_points_is_two_less_twice_the_kernel_at_the_median():
 
 
 def test_mmd_is_zero_for_equal_sets_and_for_frames_that_are_all_the_same():
-    one = np.random.default_rng(0).standard_normal((30, 5))
-    assert of(np.concatenate([one, one]), 30) == pytest.approx(0.0, abs=1e-12)
+    sample = np.random.default_rng(0).standard_normal((30, 5))
+    assert of(np.concatenate([sample, sample]), 30) == pytest.approx(0.0, abs=1e-12)
     assert of(np.ones((6, 2)), 3) == 0.0
 
 
 def test_mmd_terms_make_the_mmd():
     frames = np.random.default_rng(1).standard_normal((40, 3))
     squared = cdist(frames, frames, "sqeuclidean")
-    within, other, across = similarity.mmd_terms(squared, 10)
-    assert similarity.mmd(squared, 10) == pytest.approx(within + other - 2.0 * across)
+    within, within_other, across = similarity.mmd_terms(squared, 10)
+    assert similarity.mmd(squared, 10) == pytest.approx(within + within_other - 2.0 * across)
     assert within > across
 
 
@@ -73,11 +73,11 @@ def test_swd_is_the_mean_of_scipy_s_distances(n, m, seed):
 
 
 def test_directions_are_unit_vectors_and_the_seed_s():
-    found = similarity.directions(7, 1)
-    assert found.shape == (7, 64)
-    np.testing.assert_allclose(np.linalg.norm(found, axis=0), 1.0)
-    np.testing.assert_array_equal(found, similarity.directions(7, 1))
-    assert not np.array_equal(found, similarity.directions(7, 2))
+    directions = similarity.directions(7, 1)
+    assert directions.shape == (7, 64)
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=0), 1.0)
+    np.testing.assert_array_equal(directions, similarity.directions(7, 1))
+    assert not np.array_equal(directions, similarity.directions(7, 2))
 
 
 def pool(shift, spread, seed=0, sessions=20):
@@ -87,22 +87,22 @@ def pool(shift, spread, seed=0, sessions=20):
     base = np.linspace(1.0, 2.0, 12)
     real = base + 0.1 * draw.standard_normal((60, 12))
     plain = base + 0.1 * draw.standard_normal((3 * sessions, 12))
-    own = np.repeat(spread * draw.standard_normal((sessions, 12)), 3, axis=0)
-    other = base + shift + own + 0.1 * draw.standard_normal((3 * sessions, 12))
+    session_means = np.repeat(spread * draw.standard_normal((sessions, 12)), 3, axis=0)
+    shifted = base + shift + session_means + 0.1 * draw.standard_normal((3 * sessions, 12))
     rows = 60 + np.arange(6 * sessions).reshape(2, sessions, 3)
-    return Pool(np.concatenate([real, plain, other]), np.arange(60), seed), *rows
+    return Pool(np.concatenate([real, plain, shifted]), np.arange(60), seed), *rows
 
 
-def noticed(pooled, plain, other):
-    change, permuted = pooled.changes(other, plain, 99, np.random.default_rng(1))
+def noticed(pooled, plain, shifted):
+    change, permuted = pooled.changes(shifted, plain, 99, np.random.default_rng(1))
     low, high = np.quantile(permuted, [0.025, 0.975], axis=0)
     return dict(zip(MEASURES, (change < low) | (change > high), strict=True))
 
 
 def test_a_shift_of_every_channel_is_noticed_but_not_by_what_cannot_see_it():
-    found = noticed(*pool(shift=0.2, spread=0.0))
-    assert found["mmd"] and found["swd"]
-    assert not found["coral"]
+    measures = noticed(*pool(shift=0.2, spread=0.0))
+    assert measures["mmd"] and measures["swd"]
+    assert not measures["coral"]
 
 
 def test_a_spread_between_sessions_is_noticed_by_the_covariance():
@@ -125,16 +125,16 @@ def test_sessions_change_sides_as_a_whole():
     for seed in range(25):
         draw = np.random.default_rng(seed)
         real = draw.standard_normal((40, 6))
-        both = np.repeat(draw.standard_normal((2, 6, 6)), 10, axis=1)
-        pooled = Pool(np.concatenate([real, *both]), np.arange(40), seed)
+        frames_of_sides = np.repeat(draw.standard_normal((2, 6, 6)), 10, axis=1)
+        pooled = Pool(np.concatenate([real, *frames_of_sides]), np.arange(40), seed)
         rows = 40 + np.arange(120).reshape(2, 6, 10)
         cries.append(noticed(pooled, *rows)["mmd"])
     assert np.mean(cries) < 0.2
 
 
 def test_halves_of_a_recording_are_near_to_each_other():
-    pooled, _, other = pool(shift=1.0, spread=0.0)
+    pooled, _, shifted = pool(shift=1.0, spread=0.0)
     halves = pooled.halves(40, np.random.default_rng(0))
     assert halves.shape == (40, 4)
-    away = pooled.compare(other.ravel(), pooled.real)
-    assert away[0] > halves[:, 0].max() and away[3] > halves[:, 3].max()
+    distances = pooled.compare(shifted.ravel(), pooled.real)
+    assert distances[0] > halves[:, 0].max() and distances[3] > halves[:, 3].max()

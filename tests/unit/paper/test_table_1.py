@@ -110,9 +110,9 @@ def test_no_number_of_the_papers_beside_another_experiment(tmp_path, given):
 
 
 def test_no_number_of_the_papers_beside_a_configuration_that_was_edited(tmp_path):
-    own = metric_file(tmp_path), metric_file(tmp_path, configuration="authors")
+    metric_files = metric_file(tmp_path), metric_file(tmp_path, configuration="authors")
     for repeated, beside in (([], set()), (["authors"], {"authors"})):
-        table = write(tmp_path, *own, repeated=repeated)
+        table = write(tmp_path, *metric_files, repeated=repeated)
         assert set(table["configuration"][table["paper"] != ""]) == beside
 
 
@@ -123,9 +123,9 @@ def test_the_table_says_how_much_was_trained_and_tested(tmp_path):
         metric_file(tmp_path, model="cnn", epochs=20),
         metric_file(tmp_path, split="place", trained_samples=12, epochs=1, tested_samples=9),
     )
-    own = table.set_index(["split", "model"])[["trained_samples", "epochs", "tested_samples"]]
-    assert own.loc["random", "cnn"].to_numpy()[0].tolist() == [6000, 20, 9984]
-    assert own.loc["place", "mlp"].to_numpy()[0].tolist() == [12, 1, 9]
+    counts = table.set_index(["split", "model"])[["trained_samples", "epochs", "tested_samples"]]
+    assert counts.loc["random", "cnn"].to_numpy()[0].tolist() == [6000, 20, 9984]
+    assert counts.loc["place", "mlp"].to_numpy()[0].tolist() == [12, 1, 9]
     text = (tmp_path / "table_1.md").read_text()
     assert "trained on 6,000 samples · epochs 20/40 · seeds 2/3 · tested on 9,984" in text
     assert "\ntrained on 12 samples · epochs 1 · seeds 2 · tested on 9\n" in text
@@ -141,9 +141,9 @@ def test_order_of_the_files_does_not_matter(tmp_path):
     ]
     table = write(tmp_path, *paths)
     written = [tmp_path / "table_1.csv", tmp_path / "table_1.md"]
-    first = [path.read_bytes() for path in written]
+    file_bytes = [path.read_bytes() for path in written]
     write(tmp_path, *reversed(paths))
-    assert [path.read_bytes() for path in written] == first
+    assert [path.read_bytes() for path in written] == file_bytes
     assert len(table) == 30
     text = table[(table["configuration"] == "text") & (table["budget"] == "small")]
     assert list(text["split"].unique()) == ["random", "place"]
@@ -172,23 +172,27 @@ def test_markdown_has_interval_and_paper_and_labels_simulations(tmp_path):
 def test_an_ensemble_of_seeds_is_a_row_of_its_own_without_a_number_of_the_papers(tmp_path):
     table = write(tmp_path, metric_file(tmp_path, ensemble=0.45))
     assert [*table["model"].unique()] == ["mlp", "mlp-ensemble"]
-    own = table[table["model"] == "mlp-ensemble"]
-    assert set(own["mean"]) == {0.45} and set(own["low"]) == set(own["paper"]) == {""}
+    ensemble_rows = table[table["model"] == "mlp-ensemble"]
+    assert set(ensemble_rows["mean"]) == {0.45} and set(ensemble_rows["low"]) == set(
+        ensemble_rows["paper"]
+    ) == {""}
     assert "| mlp-ensemble | 0.450 | 0.450 |" in (tmp_path / "table_1.md").read_text()
 
 
 def test_the_latent_loss_is_a_difference_paired_by_seed(tmp_path):
     """Of seeds that differ by much and pairs that differ by 0.01 or so."""
     plain = np.array([0.3, 0.5, 0.7, 0.4, 0.6])
-    more = np.array([0.008, 0.010, 0.012, 0.009, 0.011])
+    difference = np.array([0.008, 0.010, 0.012, 0.009, 0.011])
     informed = {"model": "physics-informed-mlp", "seeds": 5}
-    told = [";".join(f"{value:.6g}" for value in values) for values in (plain, plain + more)]
+    seed_texts = [
+        ";".join(f"{value:.6g}" for value in values) for values in (plain, plain + difference)
+    ]
     write(
         tmp_path,
-        metric_file(tmp_path, seeds=5, each=told[0]),
-        metric_file(tmp_path, **informed, each=told[1]),
+        metric_file(tmp_path, seeds=5, each=seed_texts[0]),
+        metric_file(tmp_path, **informed, each=seed_texts[1]),
     )
-    low, high = metrics.interval(more)
+    low, high = metrics.interval(difference)
     line = f"| physics-informed-mlp minus mlp | +0.010 [+{low:.3f}, +{high:.3f}] |"
     assert line in (tmp_path / "table_1.md").read_text()
 
@@ -205,8 +209,8 @@ def test_the_latent_loss_is_a_difference_paired_by_seed(tmp_path):
 def test_nothing_is_paired_that_has_no_partner(tmp_path, informed):
     plain = {"each": "1;2;3;4" if informed["seeds"] == 4 else "1;2;3;4;5"}
     plain["seeds"] = len(plain["each"].split(";"))
-    of = {"model": "physics-informed-mlp", **informed}
-    write(tmp_path, metric_file(tmp_path, **plain), metric_file(tmp_path, **of))
+    informed_columns = {"model": "physics-informed-mlp", **informed}
+    write(tmp_path, metric_file(tmp_path, **plain), metric_file(tmp_path, **informed_columns))
     assert "minus mlp" not in (tmp_path / "table_1.md").read_text()
 
 
@@ -234,8 +238,8 @@ def test_a_figure_is_drawn_from_the_table_as_the_page_says(tmp_path):
 
 def test_every_column_has_a_line_of_its_own_on_the_page():
     page = (ROOT / "results" / "README.md").read_text(encoding="utf-8")
-    told = re.findall(r"`(\w+)`", "".join(re.findall(r"^\| (`.*?) \|", page, re.MULTILINE)))
-    assert {*metrics.COLUMNS, *table_1.TABLE} <= {*told}
+    documented = re.findall(r"`(\w+)`", "".join(re.findall(r"^\| (`.*?) \|", page, re.MULTILINE)))
+    assert {*metrics.COLUMNS, *table_1.TABLE} <= {*documented}
 
 
 def test_other_files_are_refused(tmp_path):

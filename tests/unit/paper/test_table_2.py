@@ -8,6 +8,7 @@ from eitskin.paper import table_2
 from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import channel_table
 from eitskin.pins import ROOT
+from eitskin.simulate.untouched_frames import Plan
 
 PAPER = ROOT / "workflow" / "eitskin" / "paper" / "printed_table_2.csv"
 SKIN = {
@@ -27,20 +28,19 @@ OFFSET = {"name": "offset", "parameters": {"volt": 0.005}}
 @pytest.fixture
 def write(tmp_path):
     """A function that writes Table II of recordings, by name, and returns CSV, text, left out."""
-    mesh = tmp_path / "mesh.npz"
-    np.savez(mesh, force_N=np.array([2.0, 5.0, 8.0]))
+    force_N = np.array([2.0, 5.0, 8.0])
 
     def written(recordings, effects=(GAIN, OFFSET), noise=1e-3, **changed):
         paths = {}
-        for name, made in recordings.items():
+        for name, recorded in recordings.items():
             paths[name] = tmp_path / f"{name}.parquet"
-            recording.write(made, paths[name])
+            recording.write(recorded, paths[name])
         size = {"sessions": 8, "frames": 2, "permutations": 39} | changed
         block = {"effects": list(effects), "noise": noise}
         files = tmp_path / "table_2.csv", tmp_path / "table_2.md"
-        left_out = table_2.write(
-            paths, mesh, PAPER, *files, SKIN, {"mine": block}, "train", 1, **size
-        )
+        plan = Plan(size["sessions"], size["frames"], force_N, "train", 1)
+        design = table_2.Design(SKIN, plan, size["permutations"])
+        left_out = table_2.write(paths, {"mine": block}, design, PAPER, *files)
         return pd.read_csv(files[0], keep_default_na=False), files[1].read_text(), left_out
 
     return written
@@ -64,9 +64,9 @@ def test_a_row_for_each_simulation_and_measure(write, make_recording):
     assert table["measure"].tolist() == ["mmd", "coral", "ncc", "swd"] * 5
     assert set(table[table["simulation"] == "plain"]["notices"]) == {""}
     assert set(table[table["simulation"] == "all"]["notices"]) <= {"yes", "no"}
-    told = table.set_index(["simulation", "measure"])
-    assert told.loc[("plain", "swd"), "paper"] == "77.5"
-    assert told.loc[("offset", "swd"), "paper"] == ""
+    cells = table.set_index(["simulation", "measure"])
+    assert cells.loc[("plain", "swd"), "paper"] == "77.5"
+    assert cells.loc[("offset", "swd"), "paper"] == ""
     outside = (table["notices"] == "yes") == (table["direction"] != "")
     assert outside.all()
     assert "## bench (simulated) · mine" in text and "(77.5)" in text
@@ -93,39 +93,39 @@ def test_a_gain_is_noticed_by_the_covariance_and_an_offset_is_not(write, make_re
 
 
 def test_another_unit_is_brought_to_the_recording_s_level(write, make_recording):
-    made = make_recording()
-    made.metadata["unit"] = "arbitrary"
-    table, text, _ = write({"bench": made})
+    recorded = make_recording()
+    recorded.metadata["unit"] = "arbitrary"
+    table, text, _ = write({"bench": recorded})
     scale = float(table["scale"].iloc[0])
     assert scale == pytest.approx(0.5 * 3e-3 / 1e-3, rel=1e-2)
     assert "Its unit is not volt" in text
 
 
 def test_magnitudes_and_other_protocols_are_simulated_as_they_were_recorded(write, make_recording):
-    made = make_recording(channel_table(16, "opposite", "adjacent"))
-    made.voltage = np.abs(made.voltage)
-    made.metadata |= {"voltage": "magnitude", "unit": "arbitrary"}
-    table = write({"bench": made}, effects=[GAIN])[0]
-    assert set(table["channels"]) == {len(made.channels)}
+    recorded = make_recording(channel_table(16, "opposite", "adjacent"))
+    recorded.voltage = np.abs(recorded.voltage)
+    recorded.metadata |= {"voltage": "magnitude", "unit": "arbitrary"}
+    table = write({"bench": recorded}, effects=[GAIN])[0]
+    assert set(table["channels"]) == {len(recorded.channels)}
     cell = table.set_index(["simulation", "measure"])["value"]
     assert cell["noise-free", "ncc"] == pytest.approx(1.0, abs=1e-3)
 
 
 def test_lost_channels_are_left_to_the_others(write, make_recording):
-    made = make_recording()
-    made.voltage[:, 5] = np.nan
-    assert set(write({"bench": made})[0]["channels"]) == {207}
+    recorded = make_recording()
+    recorded.voltage[:, 5] = np.nan
+    assert set(write({"bench": recorded})[0]["channels"]) == {207}
 
 
 def test_what_cannot_be_compared_is_left_out_loudly(write, make_recording):
-    made, differences, few = make_recording(), make_recording(), make_recording(presses=2)
+    recorded, differences, short = make_recording(), make_recording(), make_recording(presses=2)
     differences.metadata["values"] = "difference"
     nowhere = make_recording()
     nowhere.metadata["skin"]["electrode_deg"] = None
     gone = make_recording(presses=2)
     gone.voltage[3:] = np.nan
     table, text, left_out = write(
-        {"bench": made, "lab": differences, "nowhere": nowhere, "few": few, "gone": gone}
+        {"bench": recorded, "lab": differences, "nowhere": nowhere, "few": short, "gone": gone}
     )
     assert set(table["recording"]) == {"bench"}
     assert [line.split()[0] for line in left_out] == ["lab", "nowhere", "few", "gone"]
@@ -135,24 +135,24 @@ def test_what_cannot_be_compared_is_left_out_loudly(write, make_recording):
 
 
 def test_nothing_to_compare_is_refused(write, make_recording):
-    made = make_recording()
-    made.metadata["values"] = "difference"
+    recorded = make_recording()
+    recorded.metadata["values"] = "difference"
     with pytest.raises(InputError, match=r"table_2: recordings: found .*one that can be compared"):
-        write({"lab": made})
+        write({"lab": recorded})
 
 
 def test_equal_input_gives_equal_bytes(write, make_recording, tmp_path):
     write({"bench": make_recording()})
-    first = [(tmp_path / f"table_2.{kind}").read_bytes() for kind in ("csv", "md")]
+    file_bytes = [(tmp_path / f"table_2.{kind}").read_bytes() for kind in ("csv", "md")]
     write({"bench": make_recording()})
-    assert first == [(tmp_path / f"table_2.{kind}").read_bytes() for kind in ("csv", "md")]
+    assert file_bytes == [(tmp_path / f"table_2.{kind}").read_bytes() for kind in ("csv", "md")]
 
 
 def test_the_reading_says_what_the_numbers_say():
     cells = []
     for simulation, change in (("plain", np.nan), ("all", -0.5), ("ellipse", -0.4), ("gain", 0.0)):
         for measure in ("mmd", "coral"):
-            moved = measure == "mmd" and simulation in ("all", "ellipse")
+            is_noticed = measure == "mmd" and simulation in ("all", "ellipse")
             cells.append(
                 {
                     "simulation": simulation,
@@ -161,16 +161,16 @@ def test_the_reading_says_what_the_numbers_say():
                     "halves_low": 0.0,
                     "halves_high": 0.5 if measure == "mmd" else 2.0,
                     "change": change,
-                    "notices": "" if simulation == "plain" else "yes" if moved else "no",
-                    "direction": "nearer" if moved else "",
+                    "notices": "" if simulation == "plain" else "yes" if is_noticed else "no",
+                    "direction": "nearer" if is_noticed else "",
                     "mmd_within_simulation": 0.2 if simulation == "all" else 0.8,
                     "mmd_within_recording": 0.5,
                     "mmd_across": 0.1 if simulation == "plain" else 0.05,
                 }
             )
-    found = "\n".join(table_2.reading(pd.DataFrame(cells)))
-    assert "MMD tells the plain simulation from another half" in found
-    assert "MMD notices ellipse (nearer); not gain." in found
-    assert "CORAL notices none; not ellipse and gain." in found
-    assert "nearer by MMD; farther by none; the same by CORAL." in found
-    assert "makes -0.60" in found and "sets +0.10" in found
+    text = "\n".join(table_2.reading(pd.DataFrame(cells)))
+    assert "MMD tells the plain simulation from another half" in text
+    assert "MMD notices ellipse (nearer); not gain." in text
+    assert "CORAL notices none; not ellipse and gain." in text
+    assert "nearer by MMD; farther by none; the same by CORAL." in text
+    assert "makes -0.60" in text and "sets +0.10" in text

@@ -12,9 +12,9 @@ KEYS = {"target": "bench", "model": "mlp", "budget": "small"}
 def runs(values: dict[str, list[float]], variable="F"):
     """Rows of both metrics, a value a run: draws with seeds 1 and 2 in turn, or seeds 1, 2 ..."""
     rows = []
-    for method, found in values.items():
-        drawn = transfer_runs.METHODS[method] == transfer_runs.FEW
-        for k, value in enumerate(found):
+    for method, run_values in values.items():
+        drawn = transfer_runs.METHODS[method] == transfer_runs.FEW_LABELS
+        for k, value in enumerate(run_values):
             run = (k, 1 + k % 2) if drawn else (-1, 1 + k)
             rows.append((method, *run, 100, variable, "mae", value, ""))
             rows.append((method, *run, 100, variable, "r2", 0.5, ""))
@@ -22,12 +22,12 @@ def runs(values: dict[str, list[float]], variable="F"):
 
 
 def files(folder, source: pd.DataFrame, references: pd.DataFrame):
-    found = []
+    run_files = []
     for name, table in (("simulated-authors", source), ("", references)):
         path = folder / f"{name or 'references'}.csv"
         metrics.write(table, path)
-        found.append(({"source": name, **KEYS}, path))
-    return found
+        run_files.append(({"source": name, **KEYS}, path))
+    return run_files
 
 
 def small(folder):
@@ -72,14 +72,14 @@ def one(method: str, values: list[float], source: str) -> pd.DataFrame:
 def test_differences_are_of_pairs_where_there_are_any():
     affine = one("affine", [1.0, 2.0, 3.0], "a")
     trained = one(transfer_runs.TRAINED_FEW, [0.9, 1.8, 3.0], "")
-    found = transfer_table.difference(affine, trained)
-    assert found == pytest.approx((0.1, *metrics.interval(np.array([0.1, 0.2, 0.0]))))
+    limits = transfer_table.difference(affine, trained)
+    assert limits == pytest.approx((0.1, *metrics.interval(np.array([0.1, 0.2, 0.0]))))
     zero = one("zero-shot", [4.0, 4.5], "a")
-    found = transfer_table.difference(affine, zero)  # draws were with the seeds 1, 2, 1
+    limits = transfer_table.difference(affine, zero)  # draws were with the seeds 1, 2, 1
     expected = np.array([-3.0, -2.5, -1.0])
-    assert found == pytest.approx((expected.mean(), *metrics.interval(expected)))
-    found = transfer_table.difference(one("CORAL", [3.0, 4.0], "a"), zero)
-    assert found == pytest.approx((-0.75, *metrics.interval(np.array([-1.0, -0.5]))))
+    assert limits == pytest.approx((expected.mean(), *metrics.interval(expected)))
+    limits = transfer_table.difference(one("CORAL", [3.0, 4.0], "a"), zero)
+    assert limits == pytest.approx((-0.75, *metrics.interval(np.array([-1.0, -0.5]))))
 
 
 def test_what_nothing_pairs_is_compared_as_independent():
@@ -96,13 +96,13 @@ def test_what_nothing_pairs_is_compared_as_independent():
 def test_the_reading_follows_the_numbers(tmp_path):
     collected = transfer_table.collect(small(tmp_path))
     collected = collected[collected["metric"] == "mae"]
-    said = transfer_table.reading(collected, "F")
-    assert said.startswith("**F**: zero-shot errs by 3.10 N, worse than constant (+1.05 N [")
-    assert "CORAL is better than zero-shot (-1.98 N [" in said
-    assert "isotonic errs least, 0.95 N, better than zero-shot (-2.12 N" in said
-    assert "not told apart from trained on the 5 % (-0.05 N" in said
-    assert "the 5 % alone give 1.00 N at best (trained on the 5 %)" in said
-    assert said.endswith("the whole training part 0.45 N.")
+    reading = transfer_table.reading(collected, "F")
+    assert reading.startswith("**F**: zero-shot errs by 3.10 N, worse than constant (+1.05 N [")
+    assert "CORAL is better than zero-shot (-1.98 N [" in reading
+    assert "isotonic errs least, 0.95 N, better than zero-shot (-2.12 N" in reading
+    assert "not told apart from trained on the 5 % (-0.05 N" in reading
+    assert "the 5 % alone give 1.00 N at best (trained on the 5 %)" in reading
+    assert reading.endswith("the whole training part 0.45 N.")
     collected.loc[collected["method"] == "isotonic", "value"] += 5.0
     assert "affine errs least, 1.33 N" in transfer_table.reading(collected, "F")
     collected.loc[collected["method"] == transfer_runs.TRAINED_FEW, "value"] += 5.0
@@ -115,8 +115,8 @@ def test_table_and_text_say_what_was_left_out(tmp_path):
     source = runs({"zero-shot": [3.0, 3.2]})
     blank = ("", -1, -1, 0, "x", "", np.nan, "the recording's places are in the robot's frame")
     source = pd.concat([source, pd.DataFrame([blank], columns=list(transfer_runs.RUNS))])
-    found = files(tmp_path, source, runs({transfer_runs.CONSTANT: [2.0, 2.1]}))
-    transfer_table.write(found, tmp_path / "t.csv", tmp_path / "t.md")
+    run_files = files(tmp_path, source, runs({transfer_runs.CONSTANT: [2.0, 2.1]}))
+    transfer_table.write(run_files, tmp_path / "t.csv", tmp_path / "t.md")
     table = pd.read_csv(tmp_path / "t.csv", keep_default_na=False)
     assert list(table.columns) == list(transfer_table.TABLE)
     (row,) = table[table["left_out"] != ""].to_dict("records")
@@ -129,22 +129,22 @@ def test_table_and_text_say_what_was_left_out(tmp_path):
 def test_nothing_in_common_is_a_section_with_its_reason_alone(tmp_path):
     blank = ("", -1, -1, 0, "", "", np.nan, "bench: channels: found none")
     source = pd.DataFrame([blank], columns=list(transfer_runs.RUNS))
-    found = files(tmp_path, source, runs({transfer_runs.CONSTANT: [2.0, 2.1]}))
-    transfer_table.write(found, tmp_path / "t.csv", tmp_path / "t.md")
+    run_files = files(tmp_path, source, runs({transfer_runs.CONSTANT: [2.0, 2.1]}))
+    transfer_table.write(run_files, tmp_path / "t.csv", tmp_path / "t.md")
     text = (tmp_path / "t.md").read_text()
     section = text.split("### From simulated-authors")[1]
     assert section.strip() == "- left out, everything: bench: channels: found none"
 
 
 def test_two_sources_share_the_references(tmp_path):
-    found = small(tmp_path)
-    (keys, path), references = found
-    found = [(keys, path), ({**keys, "source": "simulated-corrected-bench"}, path), references]
-    table = transfer_table.summarise(transfer_table.collect(found))
+    run_files = small(tmp_path)
+    (keys, path), references = run_files
+    run_files = [(keys, path), ({**keys, "source": "simulated-corrected-bench"}, path), references]
+    table = transfer_table.summarise(transfer_table.collect(run_files))
     assert (table["source"] == "").sum() == 4 * 2
-    text = transfer_table.to_markdown(transfer_table.collect(found), table)
-    first, second = text.split("### From simulated-")[1:]
-    assert first.partition("\n")[2].strip() == second.partition("\n")[2].strip()
+    text = transfer_table.to_markdown(transfer_table.collect(run_files), table)
+    section, second = text.split("### From simulated-")[1:]
+    assert section.partition("\n")[2].strip() == second.partition("\n")[2].strip()
 
 
 def test_other_files_are_refused(tmp_path):

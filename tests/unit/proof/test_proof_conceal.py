@@ -15,7 +15,7 @@ from proof import conceal, refit, sealing
 from proof.conceal import LEAST_LEVEL, MOST_LEVEL, NEAR, Sizes
 from proof.panel import Planned
 from witness import cases
-from witness.cases import Alike, draw
+from witness.cases import Blinding, draw
 
 SIZES = Sizes(cases=3, frames=40, query_frames=20)
 PLAN = {
@@ -64,7 +64,7 @@ def blind(monkeypatch, kinds: Iterable[str], seeds: range):
 
     drawn: dict[str, list] = {kind: [] for kind in kinds}
     seen: dict = {}
-    for name in ("recording_frames", "query_frames", "_forgotten"):
+    for name in ("recording_frames", "query_frames", "_incomplete"):
         own = getattr(cases, name)
 
         def kept(*given, own=own, name=name):
@@ -77,7 +77,7 @@ def blind(monkeypatch, kinds: Iterable[str], seeds: range):
         names = None if KINDS[kind] is None else list(KINDS[kind])
         for seed in seeds:
             with pytest.raises(Solved) as grounded:
-                draw(kind, seed, 40, names=names, alike=Alike(20))
+                draw(kind, seed, 40, names=names, blinding=Blinding(20))
             drawn[kind].append((*seen.values(), grounded.value.args[0]))
     return drawn
 
@@ -117,7 +117,7 @@ def test_the_hints_of_calibration_would_be_seen(monkeypatch):
     unknown = {k: [s.contact_impedivity_ohm_m2 is None for s, *_ in v] for k, v in drawn.items()}
     assert 0.15 < np.mean(unknown["single:contact-impedance"]) < 0.55
     plain = [
-        cases._forgotten(
+        cases._incomplete(
             np.random.default_rng(s),
             cases._draw_skin(np.random.default_rng(s)),
             ["contact-impedance"],

@@ -75,7 +75,7 @@ def test_what_was_drawn_scatters_by_its_size(case, kind, size, unit):
 
 
 def test_each_of_several_errors_of_the_states_has_its_own_size(case):
-    kinds = {kind: one for kind, one in rig_errors.USUAL.items() if one.of == "states"}
+    kinds = {kind: one for kind, one in rig_errors.USUAL.items() if one.target == "states"}
     errors = tuple(RigError(kind, one.size, 5) for kind, one in kinds.items())
     states = rig_errors.reported(case.true_states, errors)
     together, seen = replace(case, rig=errors, states=states), np.ones(case.clean.shape, bool)

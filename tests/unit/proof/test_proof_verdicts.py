@@ -13,7 +13,7 @@ from eitskin.data.recording import Recording
 from eitskin.errors import InputError
 from eitskin.fingerprint import reached
 from proof import verdicts
-from witness.cases import Alike, draw
+from witness.cases import Blinding, draw
 
 ROOT = Path(__file__).parents[3]
 SCHEMA = ROOT / "workflow/eitskin/diagnose/diagnosis.schema.yaml"
@@ -140,7 +140,7 @@ def test_a_sealed_block_is_never_diagnosed_again(block, quick):
 def test_the_same_verdict_without_the_truths(tmp_path):
     """The real diagnosis, byte for byte, whether truths lie beside it or not."""
     block = tmp_path / "results/concealed/demo"
-    case = draw("null", 3, 40, alike=Alike(20))
+    case = draw("null", 3, 40, blinding=Blinding(20))
     for folder, frames, voltage in (
         ("recordings", case.states, case.voltage),
         ("queries", case.query, None),

@@ -202,7 +202,7 @@ def test_what_is_missing_widens_the_interval(predictor):
     change = skin.dataset().delta_V[7].astype(float)
     change[3::20] = np.nan
     imputed, missing = predictor.filled(change)
-    assert (predictor.estimate(imputed, missing).half > predictor.half[missing.number]).all()
+    assert (predictor.estimate(imputed, missing).half > predictor.half[missing.class_number]).all()
 
 
 def test_what_is_missing_beside_a_lost_electrode_widens_the_interval(predictor):

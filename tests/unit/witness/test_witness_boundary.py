@@ -46,9 +46,9 @@ def test_concentric_disc_is_the_fourier_series():
     to (1 + b) / (m (1 - b)), b = -(k - 1) / (k + 1) a^2m."""
     skin, a, contrast = body(), 0.4, 3.0
     place = skin.place([Disc(0.0, 0.0, a * R_MM)])
-    among, felt, seen = place.fluxes
+    among, from_moments, to_electrodes = place.fluxes
     system = among + (1.0 / contrast + 0.5) * np.eye(len(among))
-    change = -seen @ np.linalg.solve(system, felt)
+    change = -to_electrodes @ np.linalg.solve(system, from_moments)
     m = np.arange(1, 60)
     b = -contrast / (contrast + 2.0) * a ** (2.0 * m)
     lag = skin.arc_angle[:, None] - skin.arc_angle
@@ -77,14 +77,16 @@ def test_converged():
     """1e-6 of the median |v| untouched, 1e-4 of a touch's change, near the rim and across a
     patch."""
     discs = [Disc(55.0, 5.0, 7.5), Disc(48.0, 12.0, 8.0)]
-    found = []
+    admittances = []
     for refined in ({}, {"rim": 900, "arc": 30, "digits": 26.0, "halvings": 15}):
         skin = body(Shape(R_MM, {2: 0.02}), 2.0, **refined)
         contact, place = skin.contact(0.3 * LENGTH), skin.place(discs)
-        found.append([volts(place.admittance(contact, c)) for c in ([0, 0], [3, 0], [3, -0.5])])
-    (plain, near, crossed), (plain_fine, near_fine, crossed_fine) = found
+        admittances.append(
+            [volts(place.admittance(contact, c)) for c in ([0, 0], [3, 0], [3, -0.5])]
+        )
+    (plain, close, crossed), (plain_fine, near_fine, crossed_fine) = admittances
     assert np.abs(plain - plain_fine).max() < 1e-7 * np.median(np.abs(plain))
-    for coarse, fine in ((near, near_fine), (crossed, crossed_fine)):
+    for coarse, fine in ((close, near_fine), (crossed, crossed_fine)):
         change = np.abs(fine - plain_fine).max()
         assert np.abs((coarse - plain) - (fine - plain_fine)).max() < 1e-4 * change
 

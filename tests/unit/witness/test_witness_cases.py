@@ -22,34 +22,34 @@ def null():
 
 
 def test_draws_every_name_that_a_diagnosis_seeks_in_a_skin_that_is_known():
-    sought = {n for n, e in EFFECTS.items() if not (e.composite or e.last_resort)}
-    assert set(DRAWN) == sought
+    diagnosed_names = {n for n, e in EFFECTS.items() if not (e.composite or e.last_resort)}
+    assert set(DRAWN) == diagnosed_names
 
 
 @pytest.mark.parametrize("kind", ["null", "single:crosstalk", "outside:texture"])
 def test_repeats_bit_for_bit(kind):
-    first, again = draw(kind, 5), draw(kind, 5)
-    assert np.array_equal(first.voltage, again.voltage)
-    assert np.array_equal(first.query_clean, again.query_clean)
-    assert first.effects == again.effects and first.outside == again.outside
-    assert not np.array_equal(first.voltage[:5], draw(kind, 6).voltage[:5])
+    case, repeated = draw(kind, 5), draw(kind, 5)
+    assert np.array_equal(case.voltage, repeated.voltage)
+    assert np.array_equal(case.query_clean, repeated.query_clean)
+    assert case.effects == repeated.effects and case.outside == repeated.outside
+    assert not np.array_equal(case.voltage[:5], draw(kind, 6).voltage[:5])
 
 
 def test_recorded_again_it_is_the_same_skin(null):
-    first, same, other = (again(null, "rig:gain-walk", number) for number in (0, 0, 1))
-    assert np.array_equal(first.voltage, same.voltage) and first.rig == same.rig
-    assert first.rig[0].size != other.rig[0].size
-    assert np.array_equal(first.clean, null.clean) and first.kind == "null+rig:gain-walk"
-    pd.testing.assert_frame_equal(first.states, null.states)
+    case_0, repeated, case_1 = (again(null, "rig:gain-walk", number) for number in (0, 0, 1))
+    assert np.array_equal(case_0.voltage, repeated.voltage) and case_0.rig == repeated.rig
+    assert case_0.rig[0].size != case_1.rig[0].size
+    assert np.array_equal(case_0.clean, null.clean) and case_0.kind == "null+rig:gain-walk"
+    pd.testing.assert_frame_equal(case_0.states, null.states)
     plain = again(null, "", 0)
     assert plain.rig == () and not np.array_equal(plain.voltage, null.voltage)
-    moved = again(null, "rig:place-per-press,quadrature", 0)
-    assert not moved.states["x_mm"].equals(null.states["x_mm"])
-    assert moved.true_states is null.true_states
-    assert moved.metadata["voltage"] == "magnitude" and (moved.clean >= 0).all()
+    moved_case = again(null, "rig:place-per-press,quadrature", 0)
+    assert not moved_case.states["x_mm"].equals(null.states["x_mm"])
+    assert moved_case.true_states is null.true_states
+    assert moved_case.metadata["voltage"] == "magnitude" and (moved_case.clean >= 0).all()
     assert null.metadata["voltage"] == "signed"
     with pytest.raises(InputError, match="case: kind"):
-        again(moved, "", 0)
+        again(moved_case, "", 0)
 
 
 def test_recording_as_promised(null):
@@ -59,10 +59,10 @@ def test_recording_as_promised(null):
     assert 10 <= frames["contact"].dropna().nunique() <= 14
     reach = np.hypot(frames["x_mm"], frames["y_mm"]) + 0.5 * frames["probe_mm"]
     assert reach.max() <= 0.93 * null.true.radius_mm + 1e-9
-    off = null.true.conductivity_S_per_m / null.believed.conductivity_S_per_m
-    assert 0.85 <= off <= 1.15 and off != 1.0
-    left = (null.voltage - null.clean) / null.noise_V
-    assert left.std() == pytest.approx(1.0, abs=0.02)
+    conductivity_ratio = null.true.conductivity_S_per_m / null.believed.conductivity_S_per_m
+    assert 0.85 <= conductivity_ratio <= 1.15 and conductivity_ratio != 1.0
+    noise = (null.voltage - null.clean) / null.noise_V
+    assert noise.std() == pytest.approx(1.0, abs=0.02)
     assert null.query["force_N"].max() > frames["force_N"].max()
     assert null.query["time_s"].min() > frames["time_s"].max()
 
@@ -71,9 +71,9 @@ def test_recording_as_promised(null):
 def test_written_and_read(kind, tmp_path):
     case = draw(kind, 4)
     write(case, tmp_path)
-    made = recording.read(tmp_path / "recording.parquet")
-    assert np.array_equal(made.voltage, case.voltage)
-    assert made.skin == case.believed
+    recorded = recording.read(tmp_path / "recording.parquet")
+    assert np.array_equal(recorded.voltage, case.voltage)
+    assert recorded.skin == case.believed
     asked = recording.read(tmp_path / "query.parquet")
     assert asked.voltage is None and len(asked.frames) == len(case.query_clean)
     truth = json.loads((tmp_path / "truth.json").read_text())
@@ -94,7 +94,7 @@ def test_an_effect_of_no_strength_changes_nothing(null):
     world = World(null.true, np.array(null.metadata["channels"]), null.metadata["frame_s"])
     for name in ("contact-impedance", "anisotropy", "relaxation", "crosstalk", "frame-skew"):
         scene = type("S", (), {"n": 16, "channels": world.channels})
-        nothing = DRAWN[name](np.random.default_rng(1), scene).at(0.0)
+        nothing = DRAWN[name](np.random.default_rng(1), scene).law_at(0.0)
         changed = world.readings(null.states, [nothing])
         assert np.abs(changed - null.clean).max() < 1e-9 * np.abs(null.clean).max(), name
 
@@ -110,7 +110,9 @@ def test_every_outside_law_starts_from_nothing(null):
         if name in ("palm", "slit"):  # these need a free place
             continue
         drawn = law.draw(np.random.default_rng(2), scene)
-        small = [world.readings(states, [], replace(drawn, amount=a * law.most)) for a in (0, 0.1)]
+        small = [
+            world.readings(states, [], replace(drawn, amount=a * law.max_amount)) for a in (0, 0.1)
+        ]
         limit = 1e-2 if name == "smooth-dent" else 1e-9
         assert np.abs(small[0] - plain).max() < limit * median, name
         assert np.abs(small[1] - plain).max() > 1e-7 * median, name
@@ -136,8 +138,12 @@ def test_longer_recordings_have_more_presses(null):
 
 
 def test_a_share_of_the_largest_strength_is_drawn_in_place_of_an_snr():
-    case, own = draw("single:force-offset", 2, share=0.4), draw("single:force-offset", 2)
+    case, case_by_snr = draw("single:force-offset", 2, share=0.4), draw("single:force-offset", 2)
     (effect,) = case.effects
     assert abs(effect["parameters"]["offset_N"]) == pytest.approx(0.8)
-    assert case.true == own.true and case.states.equals(own.states) and case.level >= own.level
-    assert case.snr[0] > own.snr[0]
+    assert (
+        case.true == case_by_snr.true
+        and case.states.equals(case_by_snr.states)
+        and case.level >= case_by_snr.level
+    )
+    assert case.snr[0] > case_by_snr.snr[0]

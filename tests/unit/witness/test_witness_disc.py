@@ -50,21 +50,21 @@ def test_bad_contacts_see_the_fourier_series():
     share = np.sinc(m * half / np.pi) ** 2 / (m * np.pi)
     r = np.array([(share * np.cos(m * np.radians(lag))).sum() for lag in DEG])
     r = r[(np.arange(N)[:, None] - np.arange(N)) % N]
-    skin, found = body(), []
+    skin, admittances = body(), []
     for zeta in (10.0, 100.0):
         exact = np.linalg.inv(np.eye(N) * zeta / (2.0 * half) + r)
         exact -= np.outer(exact.sum(axis=1), exact.sum(axis=0)) / exact.sum()
         mine = skin.place([]).admittance(skin.contact(np.full(N, zeta)), [])
-        found.append(np.abs(mine - exact).max() / np.abs(exact).max())
-    assert found[0] < 1e-5 and found[1] < 1.1e-2 * found[0]
+        admittances.append(np.abs(mine - exact).max() / np.abs(exact).max())
+    assert admittances[0] < 1e-5 and admittances[1] < 1.1e-2 * admittances[0]
 
 
 def test_turns_with_its_electrodes():
     skin = body()
-    first = admittance(skin, [Disc(50.0, 10.0, 7.5)], [2.0])
+    unturned = admittance(skin, [Disc(50.0, 10.0, 7.5)], [2.0])
     place = (50.0 + 10.0j) * np.exp(1j * np.pi / 8.0)
     turned = admittance(skin, [Disc(place.real, place.imag, 7.5)], [2.0])
-    assert np.abs(np.roll(first, (1, 1), (0, 1)) - turned).max() < 1e-12
+    assert np.abs(np.roll(unturned, (1, 1), (0, 1)) - turned).max() < 1e-12
 
 
 @pytest.mark.parametrize("z_mm", [0.03, 1.0])
@@ -82,17 +82,17 @@ def test_converged(z_mm):
 @pytest.mark.parametrize("contrast", [0.0, 3.0, -0.9])
 def test_agrees_with_boundary_integrals(contrast):
     fine = Resolution(rim=900, arc=30, digits=26.0, halvings=15)
-    other = boundary.Body(Shape(R_MM), DEG, np.full(N, WIDTH_MM), 2.0, fine)
+    integrals = boundary.Body(Shape(R_MM), DEG, np.full(N, WIDTH_MM), 2.0, fine)
     mine, theirs = (
-        admittance(skin, [Disc(58.0, 10.0, 7.5)], [contrast]) for skin in (body(), other)
+        admittance(skin, [Disc(58.0, 10.0, 7.5)], [contrast]) for skin in (body(), integrals)
     )
     assert np.abs(mine - theirs).max() < 1e-9 * np.abs(theirs).max()
 
 
 def test_reciprocity_and_no_leak():
-    found = admittance(body(), [Disc(58.0, 10.0, 7.5)], [3.0])
-    assert np.abs(found - found.T).max() < 1e-12 * np.abs(found).max()
-    assert np.abs(found.sum(axis=1)).max() < 1e-12 * np.abs(found).max()
+    matrix = admittance(body(), [Disc(58.0, 10.0, 7.5)], [3.0])
+    assert np.abs(matrix - matrix.T).max() < 1e-12 * np.abs(matrix).max()
+    assert np.abs(matrix.sum(axis=1)).max() < 1e-12 * np.abs(matrix).max()
 
 
 def test_refuses_what_it_does_not_know():

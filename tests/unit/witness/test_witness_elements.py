@@ -36,16 +36,16 @@ def volts(skin, discs, contrasts, z_mm: float = 1.0, radial=None) -> np.ndarray:
     return channel_values(np.linalg.inv(0.5 * (admittance + admittance.T) + 1.0), CHANNELS)
 
 
-def error(skin, other, discs, contrasts, **more) -> tuple[float, float]:
+def error(skin, reference, discs, contrasts, **settings) -> tuple[float, float]:
     """Largest difference over the median |v|, and of a touch over the touch."""
     mine, theirs = (
-        [volts(s, [], [], more.get("z_mm", 1.0)), volts(s, discs, contrasts, **more)]
-        for s in (skin, other)
+        [volts(s, [], [], settings.get("z_mm", 1.0)), volts(s, discs, contrasts, **settings)]
+        for s in (skin, reference)
     )
-    apart = max(np.abs(a - b).max() for a, b in zip(mine, theirs, strict=True))
+    deviation = max(np.abs(a - b).max() for a, b in zip(mine, theirs, strict=True))
     touch = theirs[1] - theirs[0]
     of_touch = np.abs(mine[1] - mine[0] - touch).max() / np.abs(touch).max()
-    return apart / np.median(np.abs(theirs[0])), of_touch
+    return deviation / np.median(np.abs(theirs[0])), of_touch
 
 
 def places(domain: elements.Domain) -> np.ndarray:
@@ -109,10 +109,10 @@ def finer(fineness):
 def test_converges_in_order():
     """Each order at least four times nearer to the finest."""
     finest = body(fineness=finer(Fineness()))
-    found = [
+    errors = [
         error(body(fineness=Fineness(order)), finest, [TOUCH], [2.0])[0] for order in (2, 3, 4)
     ]
-    assert found[0] > 4.0 * found[1] > 16.0 * found[2]
+    assert errors[0] > 4.0 * errors[1] > 16.0 * errors[2]
 
 
 @pytest.mark.long
@@ -121,8 +121,8 @@ def test_converges_in_size():
     what the sizes' slope, which stays, keeps."""
     finest = body(fineness=finer(Fineness()))
     coarse, fine = (
-        error(body(fineness=one), finest, [TOUCH], [2.0])
-        for one in (Fineness(2), finer(Fineness(2)))
+        error(body(fineness=fineness), finest, [TOUCH], [2.0])
+        for fineness in (Fineness(2), finer(Fineness(2)))
     )
     assert fine[0] < coarse[0] / 4.0 and fine[1] < coarse[1] / 4.0
 
@@ -131,8 +131,10 @@ def test_converges_in_size():
 @pytest.mark.parametrize("z_mm", [0.02, 1.0])
 def test_own_error(z_mm):
     """Under a third of the least noise that its cases have, and of a touch under 1e-3."""
-    whole, touch = error(body(), body(fineness=finer(Fineness())), [TOUCH], [2.0], z_mm=z_mm)
-    assert whole < GENERATORS["elements"].least_level / 3.0
+    untouched_error, touch = error(
+        body(), body(fineness=finer(Fineness())), [TOUCH], [2.0], z_mm=z_mm
+    )
+    assert untouched_error < GENERATORS["elements"].least_level / 3.0
     assert touch < 1e-3 / 3.0
 
 
@@ -150,9 +152,9 @@ def test_own_error(z_mm):
     ],
 )
 def test_agrees_with_boundary_integrals(shape, discs, contrasts, radial):
-    other = boundary.Body(shape, DEG, np.full(N, WIDTH_MM), 2.0)
-    whole, touch = error(body(shape), other, discs, contrasts, radial=radial)
-    assert whole < 1e-4 and touch < 2e-4
+    integrals = boundary.Body(shape, DEG, np.full(N, WIDTH_MM), 2.0)
+    untouched_error, touch = error(body(shape), integrals, discs, contrasts, radial=radial)
+    assert untouched_error < 1e-4 and touch < 2e-4
 
 
 def test_refuses_what_leaves_the_skin():
@@ -181,7 +183,7 @@ def test_generators_say_what_they_do():
                     names_of(kind, np.random.default_rng(0), name)
         for seed in range(50):
             drawn, _ = names_of("triple", np.random.default_rng(seed), name)
-            assert all(generator.does(one) for one in drawn)
+            assert all(generator.does(effect) for effect in drawn)
     with pytest.raises(InputError, match="boundary"):
         draw("null", 1, generator="wrong")
 
@@ -197,6 +199,6 @@ def test_what_ends_see_of_each_other_is_what_solving_for_each_gives(size, count,
     rows = rng.permutation(size)[:count]
     ends = elements.units(size, rows).toarray()
     ends += 0.1 * rng.standard_normal(ends.shape) * (rng.uniform(size=ends.shape) < 0.5)
-    found = elements.seen_from(csc_matrix(matrix), csc_matrix(ends))
+    response = elements.seen_from(csc_matrix(matrix), csc_matrix(ends))
     wanted = ends.T @ np.linalg.solve(matrix, ends)
-    assert found == pytest.approx(wanted, rel=1e-8, abs=1e-8 * np.abs(wanted).max())
+    assert response == pytest.approx(wanted, rel=1e-8, abs=1e-8 * np.abs(wanted).max())

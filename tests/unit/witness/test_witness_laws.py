@@ -17,25 +17,26 @@ def read(items: list[dict], volt, above=0.0, force=0.0, force_max=0.0, time=0.0)
     volt = np.atleast_2d(np.asarray(volt, float))
     above, force = (np.broadcast_to(np.asarray(v, float), volt.shape) for v in (above, force))
     time_s = np.full(len(volt), time)
-    return laws.instrument(items, volt, above, force, time_s, CHANNELS, 0.4, force_max)[0]
+    readout = laws.Readout(force, time_s, CHANNELS, 0.4, force_max)
+    return laws.instrument(items, volt, above, readout)[0]
 
 
 def press() -> Press:
-    return Press.of(np.array([1.0, 2.0, 4.0]), np.array([2.0, 6.0, 2.0]), 0.0, 0.0)
+    return Press.from_reports(np.array([1.0, 2.0, 4.0]), np.array([2.0, 6.0, 2.0]), 0.0, 0.0)
 
 
 def test_force_within_a_press():
-    at = [0.4, 0.75, 1.5, 3.0, 4.5, 6.0]
-    assert [press().force(t) for t in at] == pytest.approx([0.0, 1.0, 4.0, 4.0, 1.0, 0.0])
-    assert [press().peak(t) for t in at] == pytest.approx([0.0, 1.0, 4.0, 6.0, 6.0, 6.0])
+    times = [0.4, 0.75, 1.5, 3.0, 4.5, 6.0]
+    assert [press().force(t) for t in times] == pytest.approx([0.0, 1.0, 4.0, 4.0, 1.0, 0.0])
+    assert [press().peak(t) for t in times] == pytest.approx([0.0, 1.0, 4.0, 6.0, 6.0, 6.0])
 
 
 def test_lag_and_offset():
-    late = Press.of(np.array([1.0, 2.0]), np.array([2.0, 6.0]), 0.5, 0.25)
+    late = Press.from_reports(np.array([1.0, 2.0]), np.array([2.0, 6.0]), 0.5, 0.25)
     assert late.force(1.0) == pytest.approx(3.5)  # reported at 1.25: 3, and 0.5 more
     assert late.force(2.0) == pytest.approx(7.5)  # on at 4 N/s
-    less = Press.of(np.array([1.0, 2.0]), np.array([0.3, 6.0]), -0.5, 0.0)
-    assert less.force(1.0) == 0.0
+    lowered = Press.from_reports(np.array([1.0, 2.0]), np.array([0.3, 6.0]), -0.5, 0.0)
+    assert lowered.force(1.0) == 0.0
 
 
 def test_relaxation_follows_its_equation():
@@ -45,8 +46,8 @@ def test_relaxation_follows_its_equation():
         m += step * (press().force(t + 0.5 * step) - m) / tau * (1 - 0.5 * step / tau)
         t += step
     assert press().followed(6.5, tau) == pytest.approx(m, abs=2e-4)
-    held = Press(np.array([0.0, 1e-9, 3.0]), np.array([0.0, 4.0, 4.0]))
-    assert held.followed(3.0, 1.5) == pytest.approx(4.0 * (1 - np.exp(-2.0)), rel=1e-6)
+    constant = Press(np.array([0.0, 1e-9, 3.0]), np.array([0.0, 4.0, 4.0]))
+    assert constant.followed(3.0, 1.5) == pytest.approx(4.0 * (1 - np.exp(-2.0)), rel=1e-6)
 
 
 def test_touch_laws():
@@ -57,8 +58,8 @@ def test_touch_laws():
     assert laws.contrast_factor([law("touch-contrast", ratio=1.5)], force, peak) == pytest.approx(
         [1.5, 1.5]
     )
-    both = [law("relaxation", fraction=0.5, tau_s=1.0), law("contact-law", exponent=2.0)]
-    felt = laws.felt_force(both, force, lambda tau: np.array([1.0, 2.0]) * tau)
+    law_pair = [law("relaxation", fraction=0.5, tau_s=1.0), law("contact-law", exponent=2.0)]
+    felt = laws.felt_force(law_pair, force, lambda tau: np.array([1.0, 2.0]) * tau)
     assert felt == pytest.approx([2.25, 9.0])
     grown = [law("contact-area-growth", exponent=0.5), law("probe-radius", ratio=2.0)]
     assert laws.radius_factor(grown, force) == pytest.approx([2 * 2**0.5, 4.0])
@@ -99,16 +100,16 @@ def test_skin_laws():
 
 def test_contact_laws():
     minutes, force = np.array([0.0, 2.0]), np.array([0.0, 5.0])
-    apart = np.array([[10.0, 20.0], [10.0, 20.0]])
+    distance_mm = np.array([[10.0, 20.0], [10.0, 20.0]])
     items = [
         law("contact-impedance", {"electrodes": [0]}, ratio=[2.0]),
         law("contact-drift", per_minute=0.1),
         law("force-dependent-impedance", per_N=0.1, range_mm=20.0),
     ]
-    z = laws.impedivity(items, np.full(2, 1e-3), minutes, force, apart)
+    z = laws.impedivity(items, np.full(2, 1e-3), minutes, force, distance_mm)
     assert z[0] == pytest.approx([2e-3, 1e-3])
-    near = 1 + 0.5 * np.exp([-0.25, -1.0])
-    assert z[1] == pytest.approx([2e-3 * 1.2 * near[0], 1e-3 * 1.2 * near[1]])
+    decay = 1 + 0.5 * np.exp([-0.25, -1.0])
+    assert z[1] == pytest.approx([2e-3 * 1.2 * decay[0], 1e-3 * 1.2 * decay[1]])
     drift = laws.conductivity([law("conductivity-drift", per_minute=0.05)], 0.5, minutes)
     assert drift == pytest.approx([0.5, 0.55])
 
@@ -141,16 +142,16 @@ def test_one_leak_needs_a_grounded_sink():
 def test_wires():
     drives = np.array([[0, 1], [1, 2]])
     none = np.array([False])
-    whole = laws.potentials([], ring(), none, drives, False)
+    intact = laws.potentials([], ring(), none, drives, False)
     swapped = laws.potentials(
         [{"name": "electrode-swap", "electrodes": [0, 2]}], ring(), none, drives, False
     )
-    assert swapped[0, 0] == pytest.approx(-whole[0, 1][[2, 1, 0]])
+    assert swapped[0, 0] == pytest.approx(-intact[0, 1][[2, 1, 0]])
     broken = laws.potentials(
         [{"name": "electrode-open", "electrodes": [2]}], ring(), none, drives, False
     )
     assert broken[0, 1].tolist() == [0.0, 0.0, 0.0]
-    assert broken[0, 0, 2] == pytest.approx(whole[0, 0, :2].mean())
+    assert broken[0, 0, 2] == pytest.approx(intact[0, 0, :2].mean())
 
 
 def test_gains_and_offsets():

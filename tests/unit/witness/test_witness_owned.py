@@ -38,95 +38,139 @@ def reciprocity(voltage, channels):
 
 @pytest.mark.parametrize("kind", QUICK)
 def test_equal_seeds_give_equal_bits(kind):
-    one, again, other = of(kind, PRESSED), of(kind, PRESSED), of(kind, STILL)
-    assert np.array_equal(one.voltage, again.voltage, equal_nan=True)
-    assert np.array_equal(one.query.voltage, again.query.voltage)
-    pd.testing.assert_frame_equal(one.recorded.frames, again.recorded.frames)
-    assert one.recorded.metadata == again.recorded.metadata
-    assert one.truth == again.truth and one.drawn == again.drawn and one.rig == again.rig
-    assert one.voltage.shape != other.voltage.shape
+    owned_recording, repeated, other_seed = of(kind, PRESSED), of(kind, PRESSED), of(kind, STILL)
+    assert np.array_equal(owned_recording.voltage, repeated.voltage, equal_nan=True)
+    assert np.array_equal(owned_recording.query.voltage, repeated.query.voltage)
+    pd.testing.assert_frame_equal(owned_recording.recorded.frames, repeated.recorded.frames)
+    assert owned_recording.recorded.metadata == repeated.recorded.metadata
+    assert (
+        owned_recording.truth == repeated.truth
+        and owned_recording.drawn == repeated.drawn
+        and owned_recording.rig == repeated.rig
+    )
+    assert owned_recording.voltage.shape != other_seed.voltage.shape
 
 
 @pytest.mark.parametrize("seeds", [STILL, PRESSED])
 @pytest.mark.parametrize("kind", QUICK)
 def test_a_recording_is_one_that_can_be_read(kind, seeds):
-    one = of(kind, seeds)
-    recording.validate(one.recorded, kind)
+    owned_recording = of(kind, seeds)
+    recording.validate(owned_recording.recorded, kind)
     touched = seeds is PRESSED
-    assert one.recorded.frames["touch"].any() == touched and (one.query is not None) == touched
-    assert 2.9e-4 < one.level <= 5e-3 and len(one.rig) <= 2
+    assert (
+        owned_recording.recorded.frames["touch"].any() == touched
+        and (owned_recording.query is not None) == touched
+    )
+    assert 2.9e-4 < owned_recording.level <= 5e-3 and len(owned_recording.rig) <= 2
     if touched:
-        recording.validate(one.query, kind)
-        last = one.recorded.frames["time_s"].iloc[-1]
-        assert one.query.frames["time_s"].min() > last
+        recording.validate(owned_recording.query, kind)
+        end_s = owned_recording.recorded.frames["time_s"].iloc[-1]
+        assert owned_recording.query.frames["time_s"].min() > end_s
     else:
-        assert 20 <= len(one.voltage) <= 60 and np.ptp(one.clean[:10], axis=0).max() < 1e-12
+        assert (
+            20 <= len(owned_recording.voltage) <= 60
+            and np.ptp(owned_recording.clean[:10], axis=0).max() < 1e-12
+        )
 
 
 @pytest.mark.parametrize("seeds", [STILL, PRESSED])
 def test_driven_channels_pile_up_at_the_ceiling_and_no_others(seeds):
-    one = of("clipped", seeds)
-    ceiling, free = one.truth.ceiling_V, undriven(one.recorded.channels)
-    noise = one.level * np.median(np.abs(one.clean[0]))
-    stopped = (np.abs(one.clean) > ceiling + 4.0 * noise).all(axis=0)
+    owned_recording = of("clipped", seeds)
+    ceiling, free = owned_recording.truth.ceiling_V, undriven(owned_recording.recorded.channels)
+    noise = owned_recording.level * np.median(np.abs(owned_recording.clean[0]))
+    stopped = (np.abs(owned_recording.clean) > ceiling + 4.0 * noise).all(axis=0)
     assert not stopped[free].any() and stopped.sum() in (16, 48) and (~free).sum() == 48
-    near = np.abs(np.abs(one.voltage[:, stopped]) - ceiling)
-    assert np.nanmax(near) < 0.6 * noise
-    below = np.nanmax(np.abs(one.voltage[:, free]))
+    distance_V = np.abs(np.abs(owned_recording.voltage[:, stopped]) - ceiling)
+    assert np.nanmax(distance_V) < 0.6 * noise
+    below = np.nanmax(np.abs(owned_recording.voltage[:, free]))
     assert below < ceiling
-    assert np.abs(one.query.voltage).max() < ceiling + 0.6 * noise if seeds is PRESSED else True
+    assert (
+        np.abs(owned_recording.query.voltage).max() < ceiling + 0.6 * noise
+        if seeds is PRESSED
+        else True
+    )
 
 
 @pytest.mark.parametrize("seeds", [STILL, PRESSED])
 def test_a_step_is_where_the_truth_says(seeds):
-    one = of("step", seeds)
-    step, count = one.truth.step, len(one.clean)
+    owned_recording = of("step", seeds)
+    step, count = owned_recording.truth.step, len(owned_recording.clean)
     assert 0.2 * count < step < 0.8 * count
-    world = World(one.true, one.recorded.channels, one.recorded.metadata["frame_s"])
-    frames = one.recorded.frames
-    before, after = (world.readings(frames, laws) for laws in ([], one.truth.effects))
-    assert np.array_equal(one.clean[:step], before[:step])
-    assert np.array_equal(one.clean[step:], after[step:])
-    noise = one.level * np.median(np.abs(before[0]))
-    assert np.linalg.norm(after[step] - before[step]) > 0.99 * owned.STEP_SEEN * noise
+    world = World(
+        owned_recording.true,
+        owned_recording.recorded.channels,
+        owned_recording.recorded.metadata["frame_s"],
+    )
+    frames = owned_recording.recorded.frames
+    plain, stepped = (world.readings(frames, laws) for laws in ([], owned_recording.truth.effects))
+    assert np.array_equal(owned_recording.clean[:step], plain[:step])
+    assert np.array_equal(owned_recording.clean[step:], stepped[step:])
+    noise = owned_recording.level * np.median(np.abs(plain[0]))
+    assert np.linalg.norm(stepped[step] - plain[step]) > 0.99 * owned.MIN_STEP_SNR * noise
 
 
 def test_readings_after_a_step_are_those_of_the_changed_skin():
-    one = of("step", PRESSED)
-    world = World(one.true, one.recorded.channels, one.recorded.metadata["frame_s"])
-    largest = one.recorded.frames["force_N"].max()
-    noise = one.level * np.median(np.abs(one.clean[0]))
-    off = [
-        one.query.voltage - world.readings(one.query.frames, laws, None, largest)
-        for laws in (one.truth.effects, [])
+    owned_recording = of("step", PRESSED)
+    world = World(
+        owned_recording.true,
+        owned_recording.recorded.channels,
+        owned_recording.recorded.metadata["frame_s"],
+    )
+    largest = owned_recording.recorded.frames["force_N"].max()
+    noise = owned_recording.level * np.median(np.abs(owned_recording.clean[0]))
+    deviations = [
+        owned_recording.query.voltage
+        - world.readings(owned_recording.query.frames, laws, None, largest)
+        for laws in (owned_recording.truth.effects, [])
     ]
-    assert np.sqrt((off[0] ** 2).mean()) == pytest.approx(noise, rel=0.1)
-    assert np.sqrt((off[1] ** 2).mean()) > 1.5 * noise
+    assert np.sqrt((deviations[0] ** 2).mean()) == pytest.approx(noise, rel=0.1)
+    assert np.sqrt((deviations[1] ** 2).mean()) > 1.5 * noise
 
 
-def left(one):
+def concealed_snr(owned_recording):
     """SNR of what a recording conceals, beyond what its owner does not know."""
-    world = World(one.true, one.recorded.channels, one.recorded.metadata["frame_s"])
-    noise = one.level * np.median(np.abs(one.clean[0])) * np.ones(one.clean.shape[1])
-    frames = one.recorded.frames
-    return owned.beyond(one.true, one.recorded.skin, world, frames, one.clean, noise)
+    world = World(
+        owned_recording.true,
+        owned_recording.recorded.channels,
+        owned_recording.recorded.metadata["frame_s"],
+    )
+    noise = (
+        owned_recording.level
+        * np.median(np.abs(owned_recording.clean[0]))
+        * np.ones(owned_recording.clean.shape[1])
+    )
+    frames = owned_recording.recorded.frames
+    return owned.snr_beyond_sheet(
+        owned_recording.true,
+        owned_recording.recorded.skin,
+        world,
+        frames,
+        owned_recording.clean,
+        noise,
+    )
 
 
 @pytest.mark.parametrize("seeds", [STILL, PRESSED])
 def test_what_is_out_of_round_is_seen(seeds):
-    one = of("out-of-round", seeds)
-    assert left(one) > 0.99 * owned.SEEN and one.truth.wanted == ("domain-shape",)
+    owned_recording = of("out-of-round", seeds)
+    assert concealed_snr(
+        owned_recording
+    ) > 0.99 * owned.MIN_SNR and owned_recording.truth.wanted == ("domain-shape",)
 
 
 def test_worse_contacts_are_nothing_beyond_where_their_owner_does_not_know_them():
-    one = draw("owner:polarity", 1)
-    world = World(one.true, one.recorded.channels, 1.0)
-    frames, noise = one.recorded.frames, 1e-4 * np.abs(one.clean[0]).max() * np.ones(208)
+    owned_recording = draw("owner:polarity", 1)
+    world = World(owned_recording.true, owned_recording.recorded.channels, 1.0)
+    frames = owned_recording.recorded.frames
+    noise = 1e-4 * np.abs(owned_recording.clean[0]).max() * np.ones(208)
     worse = {"name": "contact-impedance", "parameters": {"ratio": 2.0}}
     clean = world.readings(frames, [worse])
-    unknown = replace(one.true, contact_impedivity_ohm_m2=None)
-    seen = [owned.beyond(one.true, b, world, frames, clean, noise) for b in (one.true, unknown)]
-    assert seen[0] > 20.0 * seen[1]
+    unknown = replace(owned_recording.true, contact_impedivity_ohm_m2=None)
+    snr = [
+        owned.snr_beyond_sheet(owned_recording.true, b, world, frames, clean, noise)
+        for b in (owned_recording.true, unknown)
+    ]
+    assert snr[0] > 20.0 * snr[1]
 
 
 @pytest.mark.parametrize("harmonic", [2, 3])
@@ -146,14 +190,14 @@ def test_carried_electrodes_keep_their_arc_length(harmonic):
 
 @pytest.mark.parametrize("seeds", [STILL, PRESSED])
 def test_a_wrong_order_breaks_reciprocity_and_a_right_one_does_not(seeds):
-    one = of("order", seeds)
-    channels = one.recorded.channels
-    assert one.truth.wrong == "order"
-    assert reciprocity(one.voltage, channels) > 0.25
-    assert reciprocity(one.clean, channels) < 1e-6
-    way = next(order for name, order in owned.ORDERS.items() if name in one.drawn)
-    put_right = np.empty_like(one.voltage)
-    put_right[:, way(channels)] = one.voltage
+    owned_recording = of("order", seeds)
+    channels = owned_recording.recorded.channels
+    assert owned_recording.truth.wrong == "order"
+    assert reciprocity(owned_recording.voltage, channels) > 0.25
+    assert reciprocity(owned_recording.clean, channels) < 1e-6
+    way = next(order for name, order in owned.ORDERS.items() if name in owned_recording.drawn)
+    put_right = np.empty_like(owned_recording.voltage)
+    put_right[:, way(channels)] = owned_recording.voltage
     assert reciprocity(put_right, channels) < 0.02
 
 
@@ -166,16 +210,18 @@ def test_every_order_is_another(way):
 
 
 def test_exchanged_plus_and_minus_turn_the_sign():
-    one = of("polarity", STILL)
-    along = (one.voltage * one.clean).sum() / (one.clean**2).sum()
-    assert along == pytest.approx(-1.0, abs=0.01) and one.truth.wrong == "polarity"
+    owned_recording = of("polarity", STILL)
+    along = (owned_recording.voltage * owned_recording.clean).sum() / (
+        owned_recording.clean**2
+    ).sum()
+    assert along == pytest.approx(-1.0, abs=0.01) and owned_recording.truth.wrong == "polarity"
 
 
 @pytest.mark.parametrize("seeds", [STILL, PRESSED])
 def test_some_beliefs_are_missing(seeds):
-    one = of("beliefs", seeds)
-    unknown = [key for key in owned.UNKNOWN if getattr(one.recorded.skin, key) is None]
-    assert unknown and all(key in one.drawn or "contact" in key for key in unknown)
+    owned_recording = of("beliefs", seeds)
+    unknown = [key for key in owned.UNKNOWN if getattr(owned_recording.recorded.skin, key) is None]
+    assert unknown and all(key in owned_recording.drawn or "contact" in key for key in unknown)
 
 
 @pytest.fixture(scope="module")
@@ -188,19 +234,19 @@ def planned():
 
 
 def test_bodies_conceal_their_depth_where_electrodes_are_lower(planned):
-    said = set()
+    knowledge = set()
     for plan in planned["static-body"]:
         low = plan.true.electrode_height_mm < plan.true.thickness_mm
         assert plan.truth.wanted == (("third-dimension",) if low else ())
         believed = plan.believed
-        said.add((believed.thickness_mm is None, believed.electrode_height_mm is None))
+        knowledge.add((believed.thickness_mm is None, believed.electrode_height_mm is None))
         for law in plan.laws:
             assert law["parameters"] == {} or believed.thickness_mm is None
         half = 0.5 * plan.true.electrode_height_mm
         top = plan.true.electrode_z_mm + half
         assert plan.true.electrode_z_mm >= half - 1e-9
         assert top <= plan.true.thickness_mm + 1e-9
-    assert said == {(False, False), (False, True), (True, True)}
+    assert knowledge == {(False, False), (False, True), (True, True)}
 
 
 def test_many_drives_are_many(planned):
@@ -216,10 +262,10 @@ def test_many_drives_are_many(planned):
 @pytest.mark.long
 @pytest.mark.parametrize(("kind", "seed"), [("static-body", 2), ("many-drives", 4)])
 def test_a_body_is_not_the_sheet_that_its_owner_simulates(kind, seed):
-    one = draw(f"owner:{kind}", seed)
-    assert one.truth.wanted == ("third-dimension",)
-    assert left(one) > 0.99 * owned.SEEN
-    assert reciprocity(one.clean, one.recorded.channels) < 1e-4
+    owned_recording = draw(f"owner:{kind}", seed)
+    assert owned_recording.truth.wanted == ("third-dimension",)
+    assert concealed_snr(owned_recording) > 0.99 * owned.MIN_SNR
+    assert reciprocity(owned_recording.clean, owned_recording.recorded.channels) < 1e-4
 
 
 @pytest.mark.parametrize("kind", ["static-body", "owner:nothing", "query:rig"])

@@ -7,10 +7,10 @@ from eitskin.data import recording
 from eitskin.errors import InputError
 from witness import rig_errors
 from witness.cases import draw
-from witness.rig_errors import LEAST, MOST, USUAL, RigError
+from witness.rig_errors import MAX_SIZE, MIN_SIZE, USUAL, RigError
 
-OF_STATES = [kind for kind, usual in USUAL.items() if usual.of == "states"]
-OF_READINGS = [kind for kind, usual in USUAL.items() if usual.of == "readings"]
+OF_STATES = [kind for kind, usual in USUAL.items() if usual.target == "states"]
+OF_READINGS = [kind for kind, usual in USUAL.items() if usual.target == "readings"]
 FRAMES, CHANNELS = 4000, 40
 NOISE_V = np.full(CHANNELS, 1e-5)
 
@@ -42,12 +42,12 @@ def test_sizes_are_log_uniform_about_the_usual():
     rng = np.random.default_rng(1)
     for kind, usual in USUAL.items():
         sizes = np.array([rig_errors.draw(rng, [kind])[0].size for _ in range(400)])
-        low, high = LEAST * usual.size, MOST * usual.size
+        low, high = MIN_SIZE * usual.size, MAX_SIZE * usual.size
         if kind == "correlated-noise":
             low, high = rig_errors.CORRELATIONS
         assert sizes.min() > 0.99 * low and sizes.max() < 1.01 * high
-        where = np.log(sizes / low) / np.log(high / low)
-        assert abs(where.mean() - 0.5) < 4.0 * np.sqrt(1 / 12 / 400)
+        quantiles = np.log(sizes / low) / np.log(high / low)
+        assert abs(quantiles.mean() - 0.5) < 4.0 * np.sqrt(1 / 12 / 400)
 
 
 def test_one_to_three_kinds_are_drawn():
@@ -64,12 +64,12 @@ def test_the_same_case_is_recorded_by_another_rig(plain, kind):
     assert case.believed == plain.believed and case.query.equals(plain.query)
     np.testing.assert_array_equal(np.abs(case.clean), np.abs(plain.clean))
     assert case.states.equals(plain.states) == (kind in OF_READINGS)
-    same = np.array_equal(case.voltage, plain.voltage, equal_nan=True)
-    assert same == (kind in OF_STATES)
-    told = recording.Recording(case.states, case.voltage, None, None, case.metadata)
-    recording.validate(told, "case")
-    again = draw(f"null+rig:{kind}", 3)
-    np.testing.assert_array_equal(again.voltage, case.voltage)
+    is_same = np.array_equal(case.voltage, plain.voltage, equal_nan=True)
+    assert is_same == (kind in OF_STATES)
+    recorded = recording.Recording(case.states, case.voltage, None, None, case.metadata)
+    recording.validate(recorded, "case")
+    repeated = draw(f"null+rig:{kind}", 3)
+    np.testing.assert_array_equal(repeated.voltage, case.voltage)
 
 
 def test_a_rig_without_errors_has_white_noise(long):
@@ -92,9 +92,9 @@ def test_correlated_noise_keeps_its_sd_and_remembers(long):
 )
 def test_a_frame_s_error_is_one_for_all_channels(long, kind, size):
     voltage, change = read(long, kind, noise_V=np.zeros(CHANNELS))
-    of = voltage / long[1] - 1.0 if kind == "amplitude-per-frame" else change
-    assert np.ptp(of, axis=1).max() < 1e-9
-    assert of.std() == pytest.approx(size, rel=0.1)
+    relative = voltage / long[1] - 1.0 if kind == "amplitude-per-frame" else change
+    assert np.ptp(relative, axis=1).max() < 1e-9
+    assert relative.std() == pytest.approx(size, rel=0.1)
 
 
 @pytest.mark.parametrize(("kind", "channels"), [("gain-walk", 1), ("channel-drift", CHANNELS)])
@@ -103,9 +103,9 @@ def test_walks_begin_at_nought_and_grow(long, kind, channels):
     for seed in range(60):
         error = RigError(kind, 1e-3, seed)
         no_noise = np.zeros(CHANNELS), np.random.default_rng(1)
-        made = rig_errors.read(long[1], [error], long[0], *no_noise) / long[1] - 1.0
-        assert np.abs(made[0]).max() < 1e-12
-        ends.append(made[-1, 0] * (1.0 if channels == 1 else np.abs(long[1][0, 0]) / 0.3187))
+        walk = rig_errors.read(long[1], [error], long[0], *no_noise) / long[1] - 1.0
+        assert np.abs(walk[0]).max() < 1e-12
+        ends.append(walk[-1, 0] * (1.0 if channels == 1 else np.abs(long[1][0, 0]) / 0.3187))
     assert np.std(ends) == pytest.approx(1e-3, rel=0.3)
 
 
@@ -131,19 +131,19 @@ def test_steps_and_magnitudes(long):
 @pytest.mark.parametrize("kind", OF_STATES)
 def test_states_are_told_off_by_their_size_where_touched(long, kind):
     states, _ = long
-    told = rig_errors.reported(states, [RigError(kind, USUAL[kind].size, 7)])
+    reported = rig_errors.reported(states, [RigError(kind, USUAL[kind].size, 7)])
     touched = states["touch"].to_numpy()
     for key in ("x_mm", "y_mm", "force_N"):
-        off = (told[key] - states[key])[touched]
-        assert told[key][~touched].equals(states[key][~touched])
-        moved = key.endswith("mm") == kind.startswith("place")
-        assert bool(off.abs().max() > 0) == moved
-        if moved and kind.endswith("frame"):
-            assert off.std() == pytest.approx(USUAL[kind].size, rel=0.1)
-        if moved and kind.endswith("press"):
-            by_press = off.groupby(states["contact"][touched])
+        errors = (reported[key] - states[key])[touched]
+        assert reported[key][~touched].equals(states[key][~touched])
+        is_moved = key.endswith("mm") == kind.startswith("place")
+        assert bool(errors.abs().max() > 0) == is_moved
+        if is_moved and kind.endswith("frame"):
+            assert errors.std() == pytest.approx(USUAL[kind].size, rel=0.1)
+        if is_moved and kind.endswith("press"):
+            by_press = errors.groupby(states["contact"][touched])
             scale = states["force_N"][touched] if key == "force_N" else 1.0
-            spread = (off / scale).groupby(states["contact"][touched]).std()
+            spread = (errors / scale).groupby(states["contact"][touched]).std()
             assert spread.max() < 1e-9 and by_press.ngroups > 5
 
 

@@ -41,10 +41,10 @@ def solved(solid: Solid, *fine) -> tuple[np.ndarray, np.ndarray]:
 
 def error(mine, theirs) -> tuple[float, float]:
     """Largest difference over the median |v|, and of a touch over the touch."""
-    apart = max(np.abs(a - b).max() for a, b in zip(mine, theirs, strict=True))
+    deviation = max(np.abs(a - b).max() for a, b in zip(mine, theirs, strict=True))
     touch = theirs[1] - theirs[0]
     of_touch = np.abs(mine[1] - mine[0] - touch).max() / np.abs(touch).max()
-    return apart / np.median(np.abs(theirs[0])), of_touch
+    return deviation / np.median(np.abs(theirs[0])), of_touch
 
 
 def test_layers_are_cosines():
@@ -58,8 +58,8 @@ def test_layers_are_cosines():
     # int over the upper half of 2 cos^2, and of sqrt 2 cos pi z.
     assert np.diag(mass)[:6] == pytest.approx(0.5, abs=1e-5)
     assert abs(mass[0, 1]) == pytest.approx(np.sqrt(2.0) / np.pi, abs=1e-6)
-    whole, _ = layers.within(0.0, 1.0)
-    assert whole == pytest.approx(np.eye(len(whole)), abs=1e-8)
+    full_mass, _ = layers.within(0.0, 1.0)
+    assert full_mass == pytest.approx(np.eye(len(full_mass)), abs=1e-8)
     assert rise[0] == pytest.approx(0.0, abs=1e-6)
 
 
@@ -67,12 +67,12 @@ def test_layers_are_cosines():
 def test_full_depth_is_the_sheet():
     skin = disc.Body(Shape(R_MM), DEG, WIDTHS)
     sheet = volts(skin, [], []), volts(skin, [TOUCH], [CONTRAST])
-    whole, touch = error(solved(SHEET), sheet)
-    assert whole < 1e-4 and touch < 1e-4
+    untouched_error, touch = error(solved(SHEET), sheet)
+    assert untouched_error < 1e-4 and touch < 1e-4
     # The same as the limit of dents that leave next to nothing below them.
     nearly = Solid(DEEP_MM, DEEP_MM, 0.5 * DEEP_MM, 0.999)
-    whole, touch = error(solved(nearly), sheet)
-    assert whole < 5e-3 and touch < 5e-3
+    untouched_error, touch = error(solved(nearly), sheet)
+    assert untouched_error < 5e-3 and touch < 5e-3
 
 
 @pytest.mark.long
@@ -80,8 +80,8 @@ def test_part_high_electrodes_are_the_series():
     """DeepBody solves them by Bessel functions; a sheet is off by more than 1e-2."""
     skin = DeepBody(Shape(R_MM), DEG, WIDTHS, Depth(DEEP_MM, 0.5 * DEEP_MM, 0.5 * DEEP_MM), 5.0)
     series = volts(skin, [], []), volts(skin, [TOUCH], [CONTRAST])
-    whole, touch = error(solved(HALF_HIGH), series)
-    assert whole < 1e-4 and touch < 2e-4
+    untouched_error, touch = error(solved(HALF_HIGH), series)
+    assert untouched_error < 1e-4 and touch < 2e-4
     assert error(solved(SHEET), series)[0] > 1e-2
 
 
@@ -109,21 +109,21 @@ def test_shallow_dents_show():
     skin = slab.Body(Shape(R_MM), DEG, WIDTHS, HALF_DENT, 5.0)
     contact = skin.contact(np.full(N, 1.0 / R_MM))
     place = skin.place([TOUCH])
-    small, whole = (place.admittance(contact, [c]) for c in (0.0, 2.0 * CONTRAST))
+    small, large = (place.admittance(contact, [c]) for c in (0.0, 2.0 * CONTRAST))
     plain = solved(SHEET)
-    impedance = np.linalg.inv(0.5 * (whole + whole.T) + 1.0)
+    impedance = np.linalg.inv(0.5 * (large + large.T) + 1.0)
     change = channel_values(impedance, CHANNELS) - plain[0]
-    most = np.abs(plain[1] - plain[0]).max()
-    assert 0.8 < np.abs(change).max() / most < 0.99
+    largest_change = np.abs(plain[1] - plain[0]).max()
+    assert 0.8 < np.abs(change).max() / largest_change < 0.99
     assert np.abs(small - skin.place([]).admittance(contact, [])).max() < 1e-4
 
 
 def test_reciprocity_and_no_leak():
     skin = slab.Body(Shape(R_MM), DEG, WIDTHS, Solid(DEEP_MM, 1.5, 1.0, 0.4), 5.0)
     place = skin.place([TOUCH])
-    found = place.admittance(skin.contact(np.full(N, 1.0 / R_MM)), [CONTRAST])
-    assert np.abs(found - found.T).max() < 1e-8 * np.abs(found).max()
-    assert np.abs(found.sum(axis=1)).max() < 1e-8 * np.abs(found).max()
+    matrix = place.admittance(skin.contact(np.full(N, 1.0 / R_MM)), [CONTRAST])
+    assert np.abs(matrix - matrix.T).max() < 1e-8 * np.abs(matrix).max()
+    assert np.abs(matrix.sum(axis=1)).max() < 1e-8 * np.abs(matrix).max()
 
 
 def test_refuses_what_it_does_not_know():
@@ -139,10 +139,8 @@ def test_refuses_what_it_does_not_know():
 
 @pytest.mark.long
 def test_a_case_is_the_boundarys():
-    mine, theirs = (
-        draw("single:electrode-width", 3, 20, "slab"),
-        draw("single:electrode-width", 3, 20),
-    )
+    mine = draw("single:electrode-width", 3, 20, "slab")
+    theirs = draw("single:electrode-width", 3, 20)
     assert mine.effects == theirs.effects and mine.states.equals(theirs.states)
     assert mine.level >= GENERATORS["slab"].least_level
     for a, b in ((mine.clean, theirs.clean), (mine.query_clean, theirs.query_clean)):
@@ -157,5 +155,5 @@ def test_shallow_dents_are_drawn():
     case = draw("outside:shallow-dent", 1, 20, "slab")
     assert case.outside["law"] == "shallow-dent" and case.effects == []
     assert 0.3 <= case.outside["parameters"]["amount"] <= 0.7
-    still = ~case.states["touch"].to_numpy(bool)
-    assert np.abs(case.clean[still] - case.clean[0]).max() < 1e-12
+    untouched = ~case.states["touch"].to_numpy(bool)
+    assert np.abs(case.clean[untouched] - case.clean[0]).max() < 1e-12

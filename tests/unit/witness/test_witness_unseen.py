@@ -52,7 +52,7 @@ def test_the_front_dries_inwards_as_the_root_of_time():
     met = rows([-1, -1, 0, 0], [0, 0, 1, 2], [0.0, 100.0, 55.0, 60.0])
     law.touch(met, WORLD)
     assert met.sigma == pytest.approx(0.6)
-    discs, contrasts = zip(*(met.more[row][0] for row in range(4)), strict=True)
+    discs, contrasts = zip(*(met.inclusions[row][0] for row in range(4)), strict=True)
     assert met.sigma * (1.0 + np.array(contrasts)) == pytest.approx(1.0)
     depth = 50.0 - np.array([disc.radius_mm for disc in discs])
     assert depth == pytest.approx(10.0 * np.sqrt([0.2, 1.0, 0.64, 0.64]))
@@ -67,24 +67,24 @@ def test_the_rim_peels_with_the_largest_force_of_a_press():
     assert met.z[2] == pytest.approx(met.z[1])
     assert met.z[3] == pytest.approx(1.0)
     assert met.z[4] == pytest.approx([1.0, 1.0, 1.0, 3.0, 1.0])
-    other = rows([0], [4.0])
-    replace(law, turn=-1).touch(other, WORLD)
-    assert other.z[0] == pytest.approx([1.0, 1.0, 3.0, 5.0, 1.0])
+    next_rows = rows([0], [4.0])
+    replace(law, turn=-1).touch(next_rows, WORLD)
+    assert next_rows.z[0] == pytest.approx([1.0, 1.0, 3.0, 5.0, 1.0])
 
 
 def test_the_bubble_moves_with_each_press():
     law = unseen.Bubble(0.9, *FREE[:2], reach_mm=6.0, radius_mm=2.0, seed=7)
     met = rows([-1, 3, 3, -1, 4, -1], [0, 1, 2, 0, 1, 0])
     law.touch(met, WORLD)
-    discs = [met.more[row][0][0] for row in range(6)]
+    discs = [met.inclusions[row][0][0] for row in range(6)]
     assert discs[1] == discs[2] == discs[3] and discs[4] == discs[5]
     assert len({discs[0], discs[1], discs[4]}) == 3
     later = rows([-1, 5], [0, 1])
     law.touch(later, WORLD)
-    assert later.more[0][0][0] == discs[5]  # where the press before left it
+    assert later.inclusions[0][0][0] == discs[5]  # where the press before left it
     places = np.array([law.place(press) for press in range(200)]) - complex(*FREE[:2])
     assert np.abs(places).max() <= 6.0 and np.abs(places).max() > 5.0
-    assert met.more[0][0][1] == -0.9
+    assert met.inclusions[0][0][1] == -0.9
 
 
 def test_leads_couple_when_the_drive_is_switched():
@@ -101,18 +101,18 @@ def test_leads_couple_when_the_drive_is_switched():
         above[source] = level - level[sink]
     for k, (source, _, plus, minus) in enumerate(CHANNELS):
         step = above[source] - above[1 - source]  # the other drive came before, round the frame
-        taken = {i: 0.1 * (step[(i - 1) % 5] + step[(i + 1) % 5]) for i in (plus, minus)}
+        coupled = {i: 0.1 * (step[(i - 1) % 5] + step[(i + 1) % 5]) for i in (plus, minus)}
         fade = np.exp(-(k % 2) / 2.0)
-        assert read[k] == pytest.approx(fade * (taken[plus] - taken[minus]))
+        assert read[k] == pytest.approx(fade * (coupled[plus] - coupled[minus]))
 
 
 def test_the_lamp_warms_exponentially():
     law = unseen.WarmingPatch(0.8, *FREE, tau_s=10.0)
     met = rows([-1, -1, -1], [0, 0, 0], [0.0, 10.0, 1e4])
     law.touch(met, WORLD)
-    contrasts = [met.more[row][0][1] for row in range(3)]
+    contrasts = [met.inclusions[row][0][1] for row in range(3)]
     assert contrasts == pytest.approx([0.0, 0.8 * (1.0 - np.exp(-1.0)), 0.8])
-    assert met.more[0][0][0].radius_mm == FREE[2]
+    assert met.inclusions[0][0][0].radius_mm == FREE[2]
 
 
 def test_the_range_follows_the_drive_before():
@@ -129,9 +129,9 @@ def test_the_probe_slips_once_it_gets_lighter():
     law.touch(met, WORLD)
     assert np.abs(met.place) == pytest.approx([0, 0, 0, 2, 2, 0, 0])
     assert met.place[3] == met.place[4]
-    again = rows([0, 0, 2, 2], [3, 2, 3, 2])
-    law.touch(again, WORLD)
-    assert again.place[1] == met.place[3] and again.place[3] != met.place[3]
+    next_rows = rows([0, 0, 2, 2], [3, 2, 3, 2])
+    law.touch(next_rows, WORLD)
+    assert next_rows.place[1] == met.place[3] and next_rows.place[3] != met.place[3]
 
 
 def test_ripple_multiplies_at_each_channels_moment():
@@ -194,10 +194,10 @@ def small():
 def test_every_law_starts_from_nothing(name, small):
     world, states, plain, scene = small
     drawn = unseen.UNSEEN[name].draw(np.random.default_rng(2), scene)
-    assert drawn.amount == drawn.most
+    assert drawn.amount == drawn.max_amount
     median = np.median(np.abs(plain[0]))
     none, some = (
-        world.readings(states, [], replace(drawn, amount=a * drawn.most)) for a in (0.0, 0.1)
+        world.readings(states, [], replace(drawn, amount=a * drawn.max_amount)) for a in (0.0, 0.1)
     )
     assert np.abs(none - plain).max() < 1e-9 * median
     assert np.abs(some - plain).max() > 1e-5 * median
@@ -208,10 +208,10 @@ def test_inclusions_are_resolved(name, small):
     world, states, _, scene = small
     states = states.iloc[:8]
     drawn = unseen.UNSEEN[name].draw(np.random.default_rng(4), scene)
-    law = replace(drawn, amount=0.3 * drawn.most)
+    law = replace(drawn, amount=0.3 * drawn.max_amount)
     fine = World(world.skin, world.channels, 0.3, resolution=Resolution(640, 24, 26.0))
-    there, exact = world.readings(states, [], law), fine.readings(states, [], law)
-    assert np.abs(there - exact).max() < 1e-5 * np.median(np.abs(exact))
+    readings, exact = world.readings(states, [], law), fine.readings(states, [], law)
+    assert np.abs(readings - exact).max() < 1e-5 * np.median(np.abs(exact))
 
 
 def test_kept_apart_from_calibration():
@@ -223,5 +223,5 @@ def test_drawn_as_cases(name):
     case = draw(f"outside:{name}", 3, frames=50)
     assert case.outside["law"] == name and case.effects == []
     assert 18.0 < case.outside["snr"] < 105.0
-    apart = np.hypot(case.states["x_mm"], case.states["y_mm"])
-    assert np.isfinite(apart[case.states["touch"]]).all()
+    centre_distance = np.hypot(case.states["x_mm"], case.states["y_mm"])
+    assert np.isfinite(centre_distance[case.states["touch"]]).all()

@@ -1,8 +1,8 @@
-"""A network's operations as they were traced, applied with NumPy.
+"""A network's operations as traced by PyTorch, applied with NumPy.
 
-A graph is plain data: its steps are PyTorch's ATen operations by name, in order, their arguments
-numbers, lists, names of steps before and names of arrays. Nothing in it is code, so that a file of
-a stranger is as safe to apply as it is to read. Only operations of `OPERATIONS` are known.
+A graph is data: its steps are ATen operations by name, in order, and their arguments are numbers,
+lists, names of earlier steps and names of arrays. It holds no code, so that applying a stranger's
+file is as safe as reading it. Only the operations in `OPERATIONS` can be applied.
 """
 
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from eitskin.exported.channels import mean_there
+from eitskin.exported.channels import nan_mean
 
 Array = np.ndarray
 
@@ -37,8 +37,8 @@ def _conv1d(
     wide[:, :, padding[0] : padding[0] + length] = x
     windows = sliding_window_view(wide, weight.shape[2], axis=2)  # (B, C, L', k)
     columns = windows.transpose(0, 1, 3, 2).reshape(frames, -1, windows.shape[2])
-    found = weight.reshape(len(weight), -1) @ columns
-    return found if bias is None else found + bias[:, None]
+    convolved = weight.reshape(len(weight), -1) @ columns
+    return convolved if bias is None else convolved + bias[:, None]
 
 
 def _batch_norm(
@@ -66,8 +66,8 @@ def _layer_norm(
     return centred / np.sqrt(variance + np.float32(epsilon)) * weight + bias
 
 
-def _attention(query: Array, key: Array, value: Array, *rest: object) -> Array:
-    assert not any(rest)  # no mask, no dropout, not causal
+def _attention(query: Array, key: Array, value: Array, *options: object) -> Array:
+    assert not any(options)  # no mask, no dropout, not causal
     score = query @ np.swapaxes(key, -1, -2) * np.float32(query.shape[-1] ** -0.5)
     score -= score.max(axis=-1, keepdims=True)
     np.exp(score, out=score)
@@ -88,9 +88,9 @@ def _unflatten(x: Array, axis: int, sizes: list) -> Array:
     return x.reshape(*x.shape[:axis], *sizes, *x.shape[axis + 1 :])
 
 
-def _flatten(x: Array, first: int = 0, last: int = -1) -> Array:
-    last %= x.ndim
-    return x.reshape(*x.shape[:first], -1, *x.shape[last + 1 :])
+def _flatten(x: Array, start: int = 0, end: int = -1) -> Array:
+    end %= x.ndim
+    return x.reshape(*x.shape[:start], -1, *x.shape[end + 1 :])
 
 
 def _unbind(x: Array, axis: int = 0) -> list[Array]:
@@ -128,19 +128,19 @@ def _sum(x: Array, axes: list, keep: bool = False) -> Array:
 
 
 def _nanmean(x: Array, axes: list, keep: bool = False) -> Array:
-    return mean_there(x, tuple(axes), keep)
+    return nan_mean(x, tuple(axes), keep)
 
 
-def _least(x: Array, axis: int, keep: bool = False) -> tuple[Array, None]:
-    return x.min(axis=axis, keepdims=keep), None  # nothing here asks where
+def _minimum(x: Array, axis: int, keep: bool = False) -> tuple[Array, None]:
+    return x.min(axis=axis, keepdims=keep), None  # no network uses the indices
 
 
-def _distances(x: Array, others: Array, *_: object) -> Array:
+def _distances(x: Array, references: Array, *_: object) -> Array:
     """(B, R): Euclidean, of (B, K) to (R, K)."""
-    return np.sqrt(np.square(x[:, None] - others).sum(axis=-1))
+    return np.sqrt(np.square(x[:, None] - references).sum(axis=-1))
 
 
-def _same(x: Array, *_: object, **__: object) -> Array:
+def _identity(x: Array, *_: object, **__: object) -> Array:
     return x
 
 
@@ -164,11 +164,11 @@ OPERATIONS: dict[str, Callable] = {
     "aten.mean.default": _mean,
     "aten.sum.dim_IntList": _sum,
     "aten.nanmean.default": _nanmean,
-    "aten.min.dim": _least,
+    "aten.min.dim": _minimum,
     "aten.cdist.default": _distances,
-    "aten.dropout.default": _same,
-    "aten.alias.default": _same,
-    "aten.contiguous.default": _same,
+    "aten.dropout.default": _identity,
+    "aten.alias.default": _identity,
+    "aten.contiguous.default": _identity,
     "aten.relu.default": lambda x: np.maximum(x, 0),
     "aten.add.Tensor": np.add,
     "aten.sub.Tensor": np.subtract,
@@ -179,7 +179,7 @@ OPERATIONS: dict[str, Callable] = {
     "aten.square.default": np.square,
     "aten.sqrt.default": np.sqrt,
     "aten.matmul.default": np.matmul,
-    "aten.rsub.Scalar": lambda x, other: other - x,
+    "aten.rsub.Scalar": lambda x, constant: constant - x,
     "aten.unsqueeze.default": np.expand_dims,
     "aten.squeeze.dim": lambda x, axis: np.squeeze(x, axis) if x.shape[axis] == 1 else x,
     "aten.transpose.int": np.swapaxes,
@@ -198,57 +198,62 @@ OPERATIONS: dict[str, Callable] = {
 
 @dataclass(frozen=True)
 class Step:
-    """One operation: what its result is called, which it is, its arguments."""
+    """One operation: the name of its result, the operation's name, and its arguments."""
 
     name: str
     operation: str
     arguments: list
-    named: dict
+    keywords: dict
 
 
 @dataclass(frozen=True)
 class Graph:
-    """`steps` of frames called `input`; `outputs`: the results that are asked for.
+    """Steps applied to frames named `input`; `outputs` names the steps whose results are returned.
 
-    An argument is plain, or {"step": name}, {"array": name} or {"dtype": name}, in lists as well.
+    An argument is a value of JSON, {"step": name}, {"array": name}, {"dtype": name}, or a list of
+    these.
     """
 
     input: str
     steps: list[Step]
     outputs: list[str]
 
-    def unknown(self) -> list[str]:
-        """Operations that are not of OPERATIONS."""
+    def unknown_operations(self) -> list[str]:
+        """The operations that are not in OPERATIONS, sorted."""
         return sorted({step.operation for step in self.steps} - OPERATIONS.keys())
 
-    def plain(self) -> dict:
-        """As JSON has it."""
-        steps = [[one.name, one.operation, one.arguments, one.named] for one in self.steps]
+    def as_json(self) -> dict:
+        """The graph as values of JSON."""
+        steps = [[step.name, step.operation, step.arguments, step.keywords] for step in self.steps]
         return {"input": self.input, "steps": steps, "outputs": self.outputs}
 
     @classmethod
-    def of(cls, plain: dict) -> "Graph":
-        """Of JSON; raises KeyError, TypeError or ValueError for another form."""
+    def from_json(cls, plain: dict) -> "Graph":
+        """The graph of such values; raises KeyError, TypeError or ValueError for another form."""
         steps = [Step(*step) for step in plain["steps"]]
         return cls(plain["input"], steps, list(plain["outputs"]))
 
 
-class Applied:
-    """A graph with its arrays, ready to be applied: steps of arrays alone are taken once."""
+class GraphFunction:
+    """A graph with its arrays as a function of frames; steps that depend on arrays alone are
+    evaluated once."""
 
     def __init__(self, graph: Graph, arrays: dict[str, Array]):
-        """Raises KeyError for an operation, a step or an array that is not there."""
+        """Raises KeyError for an unknown operation, step or array."""
         slots = {graph.input: 0}
-        self._known: dict[int, Any] = {}
+        self._constants: dict[int, Any] = {}
         self._steps: list[tuple[Callable, int]] = []
         for step in graph.steps:
             function, slot = OPERATIONS[step.operation], len(slots)
-            positional = [self._getter(one, slots, arrays) for one in step.arguments]
-            named = {key: self._getter(one, slots, arrays) for key, one in step.named.items()}
+            positional = [self._getter(argument, slots, arrays) for argument in step.arguments]
+            named = {
+                key: self._getter(argument, slots, arrays)
+                for key, argument in step.keywords.items()
+            }
             slots[step.name] = slot
             run = _call(function, positional, named)
             if all(fixed for _, fixed in (*positional, *named.values())):
-                self._known[slot] = run({})
+                self._constants[slot] = run({})
             else:
                 self._steps.append((run, slot))
         self._outputs = [slots[name] for name in graph.outputs]
@@ -256,10 +261,10 @@ class Applied:
     def _getter(
         self, argument: Any, slots: dict[str, int], arrays: dict[str, Array]
     ) -> tuple[Any, bool]:
-        """What gives an argument of the values so far, and True; where nothing of them is needed
-        the argument itself."""
+        """An argument and True where it is constant; otherwise the function that takes it from the
+        values of the steps, and False."""
         if isinstance(argument, list):
-            parts = [self._getter(one, slots, arrays) for one in argument]
+            parts = [self._getter(element, slots, arrays) for element in argument]
             if all(fixed for _, fixed in parts):
                 return [value for value, _ in parts], True
             return (lambda values: [v if fixed else v(values) for v, fixed in parts]), False
@@ -270,14 +275,14 @@ class Applied:
             if kind == "dtype":
                 return np.dtype(name), True
             slot = slots[name]
-            if slot in self._known:
-                return self._known[slot], True
+            if slot in self._constants:
+                return self._constants[slot], True
             return (lambda values: values[slot]), False
         return argument, True
 
     def __call__(self, frames: Array) -> tuple[Any, ...]:
-        """The outputs of frames (B, ...)."""
-        values = {0: frames, **self._known}
+        """The graph's outputs for frames (B, ...)."""
+        values = {0: frames, **self._constants}
         for run, slot in self._steps:
             values[slot] = run(values)
         return tuple(values[slot] for slot in self._outputs)
@@ -286,12 +291,15 @@ class Applied:
 def _call(
     function: Callable, positional: list[tuple[Any, bool]], named: dict[str, tuple[Any, bool]]
 ) -> Callable:
-    """`function` of its arguments, taken out of the values so far."""
+    """`function` of its arguments, as a function of the values of the steps."""
 
     def run(values: dict[int, Any]) -> Any:
         return function(
-            *[one if fixed else one(values) for one, fixed in positional],
-            **{key: one if fixed else one(values) for key, (one, fixed) in named.items()},
+            *[argument if fixed else argument(values) for argument, fixed in positional],
+            **{
+                key: argument if fixed else argument(values)
+                for key, (argument, fixed) in named.items()
+            },
         )
 
     return run

@@ -10,21 +10,22 @@ from eitskin.data.dataset import UNITS
 from eitskin.errors import InputError
 from eitskin.exported import file
 from eitskin.exported.channels import Channels, Missing
-from eitskin.exported.electrodes import using
+from eitskin.exported.electrodes import channels_using
 from eitskin.exported.file import Exported
-from eitskin.exported.graph import Applied
+from eitskin.exported.graph import GraphFunction
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """state (T,) in the units of the targets, half (T,): half its interval's width."""
+    """A state (T,) in the units of the targets, and the half widths (T,) of its intervals."""
 
     state: np.ndarray
     half: np.ndarray
 
 
 class Predictor:
-    """Changes (M,) in the unit trained on, NaN where a channel is missing, to estimates."""
+    """Estimates of touches from changes (M,) in the unit of the training set, NaN where a channel
+    is missing."""
 
     def __init__(self, exported: Exported):
         header, arrays = exported.header, exported.arrays
@@ -37,113 +38,122 @@ class Predictor:
         self.half = np.array(header["intervals"]["half"])
         self._half_without = np.array(header["intervals"]["half_without"])
         self._widening = np.array(header["intervals"]["widening"])
-        graphs = {name: Applied(graph, arrays) for name, graph in exported.graphs.items()}
+        graphs = {name: GraphFunction(graph, arrays) for name, graph in exported.graphs.items()}
         self._activity, self._strangeness = graphs["activity"], graphs["strangeness"]
         self._states, self._without = graphs["states"], graphs["without"]
         table = np.array(header["dataset"]["channels"])
         self._electrodes = 1 + int(table.max())
-        self._used = np.array([using(table, [k]) for k in range(self._electrodes)])
+        self._channel_users = np.array(
+            [channels_using(table, [k]) for k in range(self._electrodes)]
+        )
 
     def activity(self, change: np.ndarray) -> float:
-        """Size of a change over the channels that are there, as `learn.gates.activity`."""
+        """Size of a change over its measured channels, as `learn.gates.activity`."""
         return float(self._activity(change[None])[0][0])
 
     def touched(self, change: np.ndarray, noise: float = 1.0) -> bool:
-        """Whether a change is larger than those of untouched frames, of `noise` times the noise."""
+        """Whether a change is larger than those of untouched frames with `noise` times the noise of
+        the training set."""
         return self.exceeds(self.activity(change), noise)
 
     def exceeds(self, size: float, noise: float) -> bool:
-        """Whether a change of such a size is larger than those of untouched frames."""
+        """Whether a change of this size is larger than those of untouched frames."""
         return bool(size > noise * self.header["touch"]["threshold"])
 
-    def beyond(self, estimate: Estimate) -> str:
-        """Which targets lie outside the range trained on, in words; nothing where none does."""
+    def out_of_range(self, estimate: Estimate) -> str:
+        """The targets that lie outside the range of the training set, in words; empty if none."""
         (low, high), words = self._range, []
-        out = (estimate.state < low) | (estimate.state > high)
-        for k in np.flatnonzero(out):
+        outside = (estimate.state < low) | (estimate.state > high)
+        for k in np.flatnonzero(outside):
             unit = UNITS[self.targets[k]]
             value = f"{self.targets[k]} {estimate.state[k]:.1f} {unit}"
             words.append(f"{value}, of {low[k]:.1f} to {high[k]:.1f} {unit}")
         return "; ".join(words)
 
-    def familiar(self, whole: np.ndarray) -> bool:
-        """Whether a change without gaps looks like what the model was trained on."""
-        residual, distance = self._strangeness(whole[None])
+    def familiar(self, change: np.ndarray) -> bool:
+        """Whether a change without missing channels is like those of the training set."""
+        residual, distance = self._strangeness(change[None])
         limits = self.header["familiar"]
-        near = distance[0] <= limits["limit_distance"]
-        return bool(near and residual[0] <= limits["limit_residual"])
+        close = distance[0] <= limits["limit_distance"]
+        return bool(close and residual[0] <= limits["limit_residual"])
 
-    def states(self, whole: np.ndarray) -> np.ndarray:
-        """States (B, T) of changes (B, M) without gaps."""
-        return self._states(whole)[0]
+    def states(self, change: np.ndarray) -> np.ndarray:
+        """States (B, T) of changes (B, M) without missing channels."""
+        return self._states(change)[0]
 
     def filled(self, change: np.ndarray) -> tuple[np.ndarray, Missing]:
-        """A change without gaps, in what is missing as the other channels say, and how that is
-        known."""
+        """A change with its missing channels at their conditional mean, and those channels."""
         z = change / self.scale
-        whole, missing = self.channels.filled(z, self.channels.class_of(z))
-        return whole * self.scale, missing
+        filled, missing = self.channels.filled(z, self.channels.strength_class(z))
+        return filled * self.scale, missing
 
-    def estimate(self, whole: np.ndarray, missing: Missing, lost: tuple[int, ...] = ()) -> Estimate:
-        """The state of what `filled` has made of a change; of one without the channels of lost
-        electrodes by the network that has learned to do without, its interval never narrower than
-        with all of them."""
-        state, spread = self.propagated(whole, missing, lost)
-        half = self.half_of(missing.number, lost)
+    def estimate(
+        self, change: np.ndarray, missing: Missing, lost: tuple[int, ...] = ()
+    ) -> Estimate:
+        """The state of a change from `filled`. Where electrodes are lost the network trained
+        without them gives it, with an interval never narrower than with all electrodes."""
+        state, spread = self.propagated(change, missing, lost)
+        half = self.half_of(missing.class_number, lost)
         return Estimate(state, np.sqrt(half**2 + (self._widening * spread) ** 2))
 
-    def half_of(self, number: int, lost: tuple[int, ...]) -> np.ndarray:
-        """(T,): half an interval's width, of a class of strength and up to two lost electrodes."""
+    def half_of(self, class_number: int, lost: tuple[int, ...]) -> np.ndarray:
+        """(T,): half an interval's width, for a class of strength and up to two lost electrodes."""
         if not lost:
-            return np.asarray(self.half[number])
-        return np.maximum(self.half[number], self._half_without[len(lost) - 1, number])
+            return np.asarray(self.half[class_number])
+        return np.maximum(self.half[class_number], self._half_without[len(lost) - 1, class_number])
 
-    def states_without(self, whole: np.ndarray, lost: tuple[int, ...]) -> np.ndarray:
-        """States (B, T) of changes (B, M) whose channels of lost electrodes are filled."""
-        which = np.zeros((len(whole), self._electrodes))
-        which[:, list(lost)] = 1.0
-        return self._without(np.hstack([whole, which]))[0]
+    def states_without(self, change: np.ndarray, lost: tuple[int, ...]) -> np.ndarray:
+        """States (B, T) of changes (B, M) in which the channels of lost electrodes are filled."""
+        lost_indicator = np.zeros((len(change), self._electrodes))
+        lost_indicator[:, list(lost)] = 1.0
+        return self._without(np.hstack([change, lost_indicator]))[0]
 
     def propagated(
-        self, whole: np.ndarray, missing: Missing, lost: tuple[int, ...] = ()
+        self, change: np.ndarray, missing: Missing, lost: tuple[int, ...] = ()
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The state (T,), and how much (T,) it varies with what the missing channels beside those
-        of lost electrodes may be: of the states a standard deviation away along each direction, to
-        first and second order.
+        """The state (T,) averaged over the missing channels, and its standard deviation (T,), both
+        to second order, from states one standard deviation away along each principal direction of
+        the missing channels (unscented transform, Julier and Uhlmann 1997).
 
-        The mean over what is missing, to second order, is the state (Julier, Uhlmann 1997).
+        Channels of lost electrodes do not count as missing: their network does not depend on them.
         """
-        apply = partial(self.states_without, lost=lost) if lost else self.states
-        of = missing.gone
+        network = partial(self.states_without, lost=lost) if lost else self.states
+        uncertain_channels = missing.channels
         if lost:
-            of = tuple(k for k in of if not self._used[list(lost), k].any())
-        if not of:
-            state = apply(whole[None])[0]
+            uncertain_channels = tuple(
+                k for k in uncertain_channels if not self._channel_users[list(lost), k].any()
+            )
+        if not uncertain_channels:
+            state = network(change[None])[0]
             return state, np.zeros_like(state)
-        root, gone = self.channels.root(missing.number, missing.gone, of), list(missing.gone)
+        root = self.channels.root(missing.class_number, missing.channels, uncertain_channels)
+        missing_channels = list(missing.channels)
         directions = root.shape[1]
-        frames = np.repeat(whole[None], 1 + 2 * directions, axis=0)
-        off = root.T * self.scale[gone]
-        frames[1 : 1 + directions, gone] += off
-        frames[1 + directions :, gone] -= off
-        states = apply(frames)
-        state, ahead, behind = states[0], states[1 : 1 + directions], states[1 + directions :]
-        slope, bend = 0.5 * (ahead - behind), 0.5 * (ahead + behind) - state
-        spread = np.sqrt((slope**2).sum(axis=0) + 0.5 * (bend**2).sum(axis=0))
-        return state + bend.sum(axis=0), spread
+        frames = np.repeat(change[None], 1 + 2 * directions, axis=0)
+        deviations = root.T * self.scale[missing_channels]
+        frames[1 : 1 + directions, missing_channels] += deviations
+        frames[1 + directions :, missing_channels] -= deviations
+        states = network(frames)
+        state = states[0]
+        states_ahead = states[1 : 1 + directions]
+        states_behind = states[1 + directions :]
+        first_order = 0.5 * (states_ahead - states_behind)
+        second_order = 0.5 * (states_ahead + states_behind) - state
+        spread = np.sqrt((first_order**2).sum(axis=0) + 0.5 * (second_order**2).sum(axis=0))
+        return state + second_order.sum(axis=0), spread
 
 
 def read(path: str | Path) -> Predictor:
-    """The predictor of a file, tried on a frame; raises InputError for a file that is damaged."""
+    """The predictor of a file, tried on one frame; raises InputError for a damaged file."""
     exported = file.read(path)
     try:
         predictor = Predictor(exported)
-        whole, missing = predictor.filled(np.full(len(predictor.scale), 1e-9))
-        predictor.touched(whole), predictor.familiar(whole)
-        sizes = {len(predictor.estimate(whole, missing, lost).state) for lost in ((), (0,))}
+        change, missing = predictor.filled(np.full(len(predictor.scale), 1e-9))
+        predictor.touched(change), predictor.familiar(change)
+        sizes = {len(predictor.estimate(change, missing, lost).state) for lost in ((), (0,))}
     except (ArithmeticError, AssertionError, AttributeError, LookupError, TypeError, ValueError):
         sizes = set()
     if sizes != {len(exported.header["dataset"]["targets"])}:
-        found, expected = "networks that cannot be applied", "those of its channels and targets"
-        raise InputError(path, "graphs", found, expected)
+        content, expected = "networks that cannot be applied", "those of its channels and targets"
+        raise InputError(path, "graphs", content, expected)
     return predictor

@@ -1,5 +1,5 @@
-"""A trained predictor as one file that needs no torch: its gates and networks as traced, and what
-validation says of its errors."""
+"""A trained predictor as one file that needs no torch: its gates and networks as traced, and the
+intervals of its errors on the validation part."""
 
 import numpy as np
 import torch
@@ -9,8 +9,8 @@ from torch import Tensor, nn
 from eitskin.data.baseline import upper_limit
 from eitskin.data.dataset import Dataset
 from eitskin.errors import InputError
-from eitskin.exported.channels import STRENGTHS, Channels, edges_of, precisions, strength
-from eitskin.exported.electrodes import Electrodes, using
+from eitskin.exported.channels import STRENGTHS, Channels, precisions, strength, strength_edges
+from eitskin.exported.electrodes import Electrodes, channels_using
 from eitskin.exported.file import Exported
 from eitskin.exported.graph import Graph
 from eitskin.exported.predictor import Predictor
@@ -19,14 +19,14 @@ from eitskin.learn.model_file import Trained
 from eitskin.learn.trace import traced
 from eitskin.learn.train import standardise
 
-LEVEL = 0.9  # of an interval: the share of validation touches that it holds
-LEAST = 20  # validation touches in a class of strength
-CHECKED = 400  # validation touches, each with some channels taken away
-PAIRED = 8  # of the pairs of electrodes every touch lacks one in so many
-TAKEN = 0.1  # of all channels, at most
-RARE = 0.999  # share of validation touches in which no electrode is called lost
-WEAKEST = 0.99  # share of the touches trained on that are larger changes than the weakest
-FRAMES = 2  # of an example that is traced
+LEVEL = 0.9  # coverage of an interval over validation touches
+MIN_TOUCHES = 20  # validation touches in a class of strength: the least with a 90 % limit in them
+WIDENING_SAMPLES = 400  # validation touches with channels removed: the limit's quantile to 1.5 %
+PAIR_STRIDE = 8  # every touch lacks one in eight pairs of electrodes: enough, an eighth of the time
+MISSING_SHARE = 0.1  # of all channels at most, for the widening
+LOST_QUANTILE = 0.999  # share of validation touches in which no electrode is called lost
+WEAKEST_QUANTILE = 0.99  # share of training touches with larger changes than the weakest
+FRAMES = 2  # of the traced example: more than one, so that their number stays free
 
 
 class States(nn.Module):
@@ -35,10 +35,10 @@ class States(nn.Module):
     def __init__(self, model: Trained):
         super().__init__()
         name, tensors = model.header["model"], model.tensors
-        shape = networks.Shape.of(model.header, len(tensors["voltage_mean"]))
+        shape = networks.Shape.from_header(model.header, len(tensors["voltage_mean"]))
         seeds = model.seeds()
-        made = [model.into(networks.predictor(name, shape), seed) for seed in seeds]
-        self.networks = nn.ModuleList(made)
+        modules = [model.load_into(networks.predictor(name, shape), seed) for seed in seeds]
+        self.networks = nn.ModuleList(modules)
         self.scalers = {key: value for key, value in tensors.items() if "/" not in key}
 
     def forward(self, change: Tensor) -> Tensor:
@@ -66,8 +66,8 @@ class Strangeness(nn.Module):
         self.tensors = model.tensors
 
     def forward(self, change: Tensor) -> tuple[Tensor, Tensor]:
-        held = [self.tensors[f"familiar_{key}"] for key in ("axes", "variances", "references")]
-        return gates.strangeness(standardise(change, self.tensors, "voltage"), *held)
+        subspace = [self.tensors[f"familiar_{key}"] for key in ("axes", "variances", "references")]
+        return gates.strangeness(standardise(change, self.tensors, "voltage"), *subspace)
 
 
 def export(
@@ -78,34 +78,33 @@ def export(
     epochs: int,
     untouched: np.ndarray | None = None,
 ) -> Exported:
-    """A predictor of one or more seeds as a file's content.
+    """The content of a file for a predictor of one or more seeds.
 
-    `part` (N,) of the dataset it was trained on: the channels' precision is of what was trained on,
+    dataset, part (N,): those it was trained on. The channels' precision is of the training part,
     the intervals are of the validation part, split conformal within each class of strength (Vovk
-    2012, Conditional validity of inductive conformal predictors). skin: what is believed of it, as
-    `Skin.metadata`; epochs: of the perceptron that does without electrodes; untouched
-    (M,): the untouched skin's readings, where they are known. Raises InputError for another
-    dataset, a budget that trains on the validation part as well, too few samples in a class of
-    strength, and a network that cannot be traced.
+    2012, Conditional validity of inductive conformal predictors). skin: the nominal one, as
+    `Skin.metadata`; epochs: of the perceptron without electrodes; untouched (M,): the readings of
+    the untouched skin, where known. Raises InputError for another dataset, a budget that trains on
+    the validation part, too few samples in a class of strength, and a network that cannot be
+    traced.
     """
-    _refuse(model, dataset, part)
-    told = model.header["dataset"]
-    trained_on, tested = part == "train", np.flatnonzero(part == "validation")
-    scale, table = model.tensors["voltage_scale"].numpy(), np.array(told["channels"])
+    _check(model, dataset, part)
+    dataset_header = model.header["dataset"]
+    training_mask, validation_rows = part == "train", np.flatnonzero(part == "validation")
+    scale, table = model.tensors["voltage_scale"].numpy(), np.array(dataset_header["channels"])
     change, states = dataset.delta_V.astype(float), dataset.states()
-    z = change / scale
-    edges = edges_of(z[trained_on])
-    channels = Channels(precisions(z[trained_on], edges), edges)
-    without = without_electrodes.train(
-        change[trained_on],
-        states[trained_on],
+    scaled_change = change / scale
+    edges = strength_edges(scaled_change[training_mask])
+    channels = Channels(precisions(scaled_change[training_mask], edges), edges)
+    perceptron = without_electrodes.train(
+        (change[training_mask], states[training_mask]),
         channels,
         table,
         {key: value for key, value in model.tensors.items() if "/" not in key},
         epochs,
         model.seeds()[0],
     )
-    graphs, arrays = _graphs(model, without, change[:FRAMES], int(table.max()) + 1)
+    graphs, arrays = _graphs(model, perceptron, change[:FRAMES], int(table.max()) + 1)
     arrays |= {
         "scale": scale,
         "touch_scale": model.tensors["touch_scale"].numpy(),
@@ -113,15 +112,15 @@ def export(
     }
     if untouched is not None:
         arrays["untouched"] = untouched
-    strong = np.searchsorted(edges, strength(z[tested]))
-    predicted = predict.predict_seeds(model, dataset.delta_V[tested]).mean(axis=0)
-    half = _by_strength(np.abs(predicted - states[tested]), strong)
+    strength_class = np.searchsorted(edges, strength(scaled_change[validation_rows]))
+    predicted = predict.predict_seeds(model, dataset.delta_V[validation_rows]).mean(axis=0)
+    half = _by_strength(np.abs(predicted - states[validation_rows]), strength_class)
     header = {
         "format": "eitskin-predictor",
         "version": 1,
         "model": model.header["model"],
         "seeds": model.seeds(),
-        "dataset": told,
+        "dataset": dataset_header,
         "skin": skin,
         "touch": model.header["touch"],
         "familiar": model.header["familiar"],
@@ -132,130 +131,160 @@ def export(
             "half_without": np.zeros((2, *half.shape)).tolist(),
             "widening": np.zeros(half.shape[1]).tolist(),
         },
-        "lost": _lost(channels, table, z[tested], strong),
-        "trained": _trained(model, dataset.delta_V[trained_on], states[trained_on]),
+        "lost": _lost(channels, table, scaled_change[validation_rows], strength_class),
+        "trained": _trained(model, dataset.delta_V[training_mask], states[training_mask]),
     }
-    made = Exported(header, graphs, arrays)
-    predictor = Predictor(made)
+    exported = Exported(header, graphs, arrays)
+    predictor = Predictor(exported)
     header["intervals"] |= {
-        "half_without": _half_without(predictor, dataset, tested, table),
-        "widening": _widening(predictor, dataset, tested).tolist(),
+        "half_without": _half_without(predictor, dataset, validation_rows, table),
+        "widening": _widening(predictor, dataset, validation_rows).tolist(),
     }
-    return made
+    return exported
 
 
-def _refuse(model: Trained, dataset: Dataset, part: np.ndarray) -> None:
-    """Raises InputError where a model is of another dataset, or its parts do not serve."""
-    told = model.header["dataset"]
-    if told["name"] != dataset.metadata["name"] or "channels" not in told:
-        found = dataset.metadata["name"] if "channels" in told else "no table of channels"
-        raise InputError("export", "dataset", found, f"{told['name']}, with its channels")
+def _check(model: Trained, dataset: Dataset, part: np.ndarray) -> None:
+    """Raise InputError for another dataset than the model's, or parts that are too small."""
+    dataset_header = model.header["dataset"]
+    if dataset_header["name"] != dataset.metadata["name"] or "channels" not in dataset_header:
+        content = (
+            dataset.metadata["name"] if "channels" in dataset_header else "no table of channels"
+        )
+        raise InputError(
+            "export", "dataset", content, f"{dataset_header['name']}, with its channels"
+        )
     if not model.header["budget"]["validated"]:
         expected = "true, as intervals are calibrated on what was not trained on"
-        raise InputError(told["name"], "budget, validated", "false", expected)
-    least = STRENGTHS * LEAST
+        raise InputError(dataset_header["name"], "budget, validated", "false", expected)
+    min_samples = STRENGTHS * MIN_TOUCHES
     for name in ("train", "validation"):
-        if (found := int((part == name).sum())) < least:
-            raise InputError(told["name"], f"part {name}", found, f"{least} samples or more")
+        if (content := int((part == name).sum())) < min_samples:
+            raise InputError(
+                dataset_header["name"], f"part {name}", content, f"{min_samples} samples or more"
+            )
 
 
 def _graphs(
-    model: Trained, without: nn.Module, change: np.ndarray, electrodes: int
+    model: Trained, perceptron: nn.Module, change: np.ndarray, electrodes: int
 ) -> tuple[dict[str, Graph], dict[str, np.ndarray]]:
-    """A predictor's gates and networks as traced on a few changes (FRAMES, M), and what they
-    hold."""
+    """A predictor's gates and networks traced on changes (FRAMES, M), and their arrays."""
     example = torch.from_numpy(change)
-    which = torch.zeros(FRAMES, electrodes, dtype=torch.float64)
+    lost_indicator = torch.zeros(FRAMES, electrodes, dtype=torch.float64)
     graphs: dict[str, Graph] = {}
     arrays: dict[str, np.ndarray] = {}
     for name, module, frames in (
         ("activity", Activity(model), example),
         ("strangeness", Strangeness(model), example[:1]),
         ("states", States(model), example),
-        ("without", without, torch.cat([example, which], dim=1)),
+        ("without", perceptron, torch.cat([example, lost_indicator], dim=1)),
     ):
-        graphs[name], held = traced(module, frames, f"{name}/")
-        arrays |= held
+        graphs[name], module_arrays = traced(module, frames, f"{name}/")
+        arrays |= module_arrays
     return graphs, arrays
 
 
 def _trained(model: Trained, change: np.ndarray, states: np.ndarray) -> dict:
-    """What a predictor was trained on, changes (n, M) and states (n, T): the weakest of them, as of
-    `gates.activity`, and the states' range."""
+    """Of the training changes (n, M) and states (n, T): the activity of the weakest, and the range
+    of the states."""
     active = gates.activity(torch.from_numpy(change), model.tensors["touch_scale"]).numpy()
     return {
-        "weakest": -upper_limit(-active, WEAKEST),
+        "weakest": -upper_limit(-active, WEAKEST_QUANTILE),
         "range": [states.min(axis=0).tolist(), states.max(axis=0).tolist()],
     }
 
 
-def _by_strength(error: np.ndarray, strong: np.ndarray) -> np.ndarray:
-    """(K, T): what errors (n, T) stay below with probability LEVEL, by class of strength (n,).
+def _by_strength(error: np.ndarray, strength_class: np.ndarray) -> np.ndarray:
+    """(K, T): the LEVEL limit of errors (n, T) in each class of strength (n,).
 
-    Raises InputError for a class without LEAST of them.
+    Raises InputError for a class of fewer than MIN_TOUCHES.
     """
-    if (fewest := int(np.bincount(strong, minlength=STRENGTHS).min())) < LEAST:
-        found, expected = f"{fewest} in a class of strength", f"{LEAST} touches or more in each"
-        raise InputError("export", "part validation", found, expected)
-    return np.array([_limits(error[strong == number], LEVEL) for number in range(STRENGTHS)])
+    if (
+        smallest_class := int(np.bincount(strength_class, minlength=STRENGTHS).min())
+    ) < MIN_TOUCHES:
+        content = f"{smallest_class} in a class of strength"
+        expected = f"{MIN_TOUCHES} touches or more in each"
+        raise InputError("export", "part validation", content, expected)
+    return np.array(
+        [_limits(error[strength_class == number], LEVEL) for number in range(STRENGTHS)]
+    )
 
 
 def _half_without(
-    predictor: Predictor, dataset: Dataset, tested: np.ndarray, table: np.ndarray
+    predictor: Predictor, dataset: Dataset, validation_rows: np.ndarray, table: np.ndarray
 ) -> list:
-    """[2][K][T]: as `_by_strength` of all channels, where one electrode is lost and where two are.
-    Each touch lacks every set of them in turn."""
-    change, truth = dataset.delta_V[tested].astype(float), dataset.states()[tested]
-    found: list[tuple[list, list]] = [([], []), ([], [])]
-    sets = without_electrodes.sets_of(int(table.max()) + 1)
-    for number, lost in enumerate(sets):
-        rows = slice(None) if len(lost) == 1 else slice(number % PAIRED, None, PAIRED)
-        gone = np.flatnonzero(using(table, lost))
-        z = predictor.channels.filled_alike(change[rows] / predictor.scale, gone)
-        left = np.delete(z, gone, axis=1)
-        state = predictor.states_without(z * predictor.scale, lost)
-        errors, strong = found[len(lost) - 1]
+    """[2][K][T]: `_by_strength` with one lost electrode and with two, over every set of lost
+    electrodes."""
+    change = dataset.delta_V[validation_rows].astype(float)
+    truth = dataset.states()[validation_rows]
+    errors_and_classes: list[tuple[list, list]] = [([], []), ([], [])]
+    sets = without_electrodes.electrode_sets(int(table.max()) + 1)
+    for number, lost_electrodes in enumerate(sets):
+        rows = (
+            slice(None)
+            if len(lost_electrodes) == 1
+            else slice(number % PAIR_STRIDE, None, PAIR_STRIDE)
+        )
+        missing_channels = np.flatnonzero(channels_using(table, lost_electrodes))
+        filled = predictor.channels.filled_together(
+            change[rows] / predictor.scale, missing_channels
+        )
+        measured = np.delete(filled, missing_channels, axis=1)
+        state = predictor.states_without(filled * predictor.scale, lost_electrodes)
+        errors, strength_class = errors_and_classes[len(lost_electrodes) - 1]
         errors.append(np.abs(state - truth[rows]))
-        strong.append(np.searchsorted(predictor.channels.edges, strength(left)))
+        strength_class.append(np.searchsorted(predictor.channels.edges, strength(measured)))
     return [
-        _by_strength(np.concatenate(errors), np.concatenate(strong)).tolist()
-        for errors, strong in found
+        _by_strength(np.concatenate(errors), np.concatenate(strength_class)).tolist()
+        for errors, strength_class in errors_and_classes
     ]
 
 
 def _limits(error: np.ndarray, level: float) -> np.ndarray:
-    """(T,): what errors (n, T) stay below with probability `level`."""
-    return np.array([upper_limit(one, level) for one in error.T])
+    """(T,): the split-conformal limits of errors (n, T) at probability `level`."""
+    return np.array([upper_limit(target_error, level) for target_error in error.T])
 
 
-def _lost(channels: Channels, table: np.ndarray, z: np.ndarray, strong: np.ndarray) -> dict:
-    """What validation touches z (n, M) reach at most, by their class of strength: `single`, the
-    squared distance of the oddest channel from what the others say, and `electrode`, a channel's
-    share of the oddest electrode's."""
+def _lost(channels: Channels, table: np.ndarray, z: np.ndarray, strength_class: np.ndarray) -> dict:
+    """The LOST_QUANTILE limits over validation touches z (n, M), by class of strength: `single`, of
+    the largest `Electrodes.channel_distances`, `electrode`, of the largest `electrode_distances`.
+    """
     electrodes = Electrodes(channels, table)
-    odd = [electrodes.oddest(one, number) for one, number in zip(z, strong, strict=True)]
-    single, electrode = np.array(odd).T
+    distances = [
+        electrodes.largest_distances(change, class_number)
+        for change, class_number in zip(z, strength_class, strict=True)
+    ]
+    channel_distances, electrode_distances = np.array(distances).T
     return {
-        name: [upper_limit(values[strong == number], RARE) for number in range(STRENGTHS)]
-        for name, values in (("single", single), ("electrode", electrode))
+        name: [
+            upper_limit(values[strength_class == class_number], LOST_QUANTILE)
+            for class_number in range(STRENGTHS)
+        ]
+        for name, values in (("single", channel_distances), ("electrode", electrode_distances))
     }
 
 
-def _widening(predictor: Predictor, dataset: Dataset, tested: np.ndarray) -> np.ndarray:
-    """(T,): by what the spread of what missing channels may be is multiplied, so that intervals of
-    frames that lack up to a tenth of the channels hold their share of the truth.
+def _widening(predictor: Predictor, dataset: Dataset, validation_rows: np.ndarray) -> np.ndarray:
+    """(T,): the factor κ of the spread u due to missing channels, such that intervals of frames
+    without up to a tenth of the channels keep their coverage.
 
-    Of an error e, half a width h with all channels and the spread u, the least factor κ with
-    e² ≤ h² + (κ u)²; its split-conformal limit over validation touches, a Gaussian's at least.
+    κ is the split-conformal limit over validation touches of the least factor with
+    e² ≤ h² + (κ u)², where e is the error and h the half width with all channels; it is at least
+    the Gaussian's.
     """
-    chosen = tested[np.linspace(0, len(tested) - 1, min(CHECKED, len(tested))).astype(int)]
-    truth, factors, draw = dataset.states(), [], np.random.default_rng(0)
+    checked_rows = validation_rows[
+        np.linspace(
+            0, len(validation_rows) - 1, min(WIDENING_SAMPLES, len(validation_rows))
+        ).astype(int)
+    ]
+    truth, factors, rng = dataset.states(), [], np.random.default_rng(0)
     size = len(predictor.scale)
-    for row in chosen:
+    for row in checked_rows:
         change = dataset.delta_V[row].astype(float)
-        change[draw.choice(size, 1 + draw.integers(int(TAKEN * size)), replace=False)] = np.nan
-        whole, missing = predictor.filled(change)
-        state, spread = predictor.propagated(whole, missing)
-        over = (state - truth[row]) ** 2 - predictor.half[missing.number] ** 2
-        factors.append(np.sqrt(over.clip(min=0.0)) / spread)
+        change[rng.choice(size, 1 + rng.integers(int(MISSING_SHARE * size)), replace=False)] = (
+            np.nan
+        )
+        filled, missing = predictor.filled(change)
+        state, spread = predictor.propagated(filled, missing)
+        excess = (state - truth[row]) ** 2 - predictor.half[missing.class_number] ** 2
+        factors.append(np.sqrt(excess.clip(min=0.0)) / spread)
     return np.maximum(_limits(np.array(factors), LEVEL), ndtri(0.5 + 0.5 * LEVEL))

@@ -1,13 +1,13 @@
-"""Whether a frame shows a touch at all, and whether it looks like what a model was trained on."""
+"""Gates of a frame: whether it shows a touch, and whether it is like those of the training set."""
 
 import torch
 from torch import Tensor
 
 from eitskin.data.baseline import upper_limit
 
-COMPONENTS = 16
-REFERENCES = 2000
-RIDGE = 0.1
+COMPONENTS = 16  # of the touches' subspace: ample for a state of three or four targets
+REFERENCES = 2000  # training frames to which distances are taken, spread evenly
+RIDGE = 0.1  # of the mean variance outside the subspace, added to every variance
 FALSE_ALARMS = 0.01  # of validation frames abstained from, and of untouched frames called touched
 
 
@@ -19,10 +19,10 @@ def activity(delta_V: Tensor, scale: Tensor) -> Tensor:
 def touch_gate(delta_V: Tensor, spread: Tensor, untouched: dict | None) -> dict:
     """The activity above which a frame is called touched, and the channels' `scale` (M,).
 
-    From the untouched frames' noise where the dataset has it (`baseline.untouched_noise`): 1 % of
-    untouched frames lie above. Otherwise from the touches alone, changes (N, M) of the validation
-    part by their `spread` (M,): 1 % of touches lie below; nothing is then known of false touches.
-    `detected`: share of the validation touches above it.
+    Where the dataset has the noise of untouched frames (`baseline.untouched_noise`), 1 % of these
+    lie above. Otherwise 1 % of the validation part's touches lie below, with changes (N, M) in
+    units of their `spread` (M,); the rate of false touches is then unknown. `detected`: share of
+    the validation touches above the threshold.
     """
     if untouched:
         scale = torch.tensor(untouched["rms"], dtype=torch.float64)
@@ -45,8 +45,8 @@ def whiten(voltage: Tensor, axes: Tensor, variances: Tensor) -> tuple[Tensor, Te
     """Standardised voltages (N, M) along the principal `axes` (M, M) over the root of `variances`
     (M,), rising: all but the last K (N, M - K), and the last K (N, K), the touches' subspace."""
     whitened = (voltage.double() @ axes) / variances.sqrt()
-    others, score = whitened.tensor_split([-min(COMPONENTS, len(axes) - 1)], dim=1)
-    return others, score
+    outer, score = whitened.tensor_split([-min(COMPONENTS, len(axes) - 1)], dim=1)
+    return outer, score
 
 
 def strangeness(
@@ -54,32 +54,32 @@ def strangeness(
 ) -> tuple[Tensor, Tensor]:
     """Residual and distance (N,) of standardised voltages (N, M).
 
-    Residual: root mean square off the touches' subspace. Distance: within it, to the nearest of
+    Residual: root mean square outside the touches' subspace. Distance: within it, to the nearest of
     the `references` (R, K), over √K. Both relative to √(1 + mean square within the subspace), as
-    what a stronger touch leaves unexplained is larger by as much.
+    the unexplained part grows with the strength of a touch.
     """
-    others, score = whiten(voltage, axes, variances)
+    outer, score = whiten(voltage, axes, variances)
     strength = (1 + score.square().mean(dim=1)).sqrt()
     exact = "donot_use_mm_for_euclid_dist"
     blocks = [torch.cdist(s, references, compute_mode=exact) for s in score.split(1024)]
     nearest = torch.cat([block.min(dim=1).values for block in blocks]) / score.shape[1] ** 0.5
-    return others.square().mean(dim=1).sqrt() / strength, nearest / strength
+    return outer.square().mean(dim=1).sqrt() / strength, nearest / strength
 
 
 def familiar_gate(train: Tensor, validation: Tensor) -> dict:
-    """What training looked like: the principal axes of its standardised voltages (N, M), their
-    variances, references spread over it, and the limits of residual and distance.
+    """The distribution of the training part: the principal axes of its standardised voltages
+    (N, M), their variances, references, and the limits of residual and distance.
 
-    The residual sees what no touch does (a channel off, another order, noise), the distance what
-    no touch did (the sign, a gain, a stronger touch), which a linear subspace cannot tell. A frame
-    like the validation part's exceeds each limit with a probability of 0.5 % at most, and is
-    abstained from with 1 % at most; below 200 such frames, a limit is their largest value.
+    The residual responds to changes outside the touches' subspace (a dead channel, another order,
+    noise), the distance to those within it (the sign, a gain, a stronger touch). A frame like the
+    validation part's exceeds each limit with a probability of at most 0.5 %, so that at most 1 %
+    are abstained from; with fewer than 200 validation frames a limit is their largest value.
     """
     train = train.double().cpu()
     variances, axes = torch.linalg.eigh(train.T @ train / len(train))
-    others = variances[: -min(COMPONENTS, len(axes) - 1)]
-    # a few frames leave directions unseen, and frames without noise leave them empty
-    variances = variances.clamp(min=0) + RIDGE * others.mean().clamp(min=1e-6)
+    outer_variances = variances[: -min(COMPONENTS, len(axes) - 1)]
+    # few frames, or frames without noise, leave directions without variance
+    variances = variances.clamp(min=0) + RIDGE * outer_variances.mean().clamp(min=1e-6)
     rows = torch.linspace(0, len(train) - 1, min(REFERENCES, len(train))).round().long()
     tensors = {
         "axes": axes.contiguous(),

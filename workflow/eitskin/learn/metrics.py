@@ -1,4 +1,4 @@
-"""How far predictions are from the truth: per target, with intervals over seeds."""
+"""Errors of predictions, by target, with intervals over seeds."""
 
 from pathlib import Path
 
@@ -30,11 +30,11 @@ COLUMNS = (
     "tested_samples",
 )
 ENSEMBLE = "-ensemble"  # after a model's name: the mean of its seeds' estimates, as `predict` gives
-LEAST_SEEDS = 5  # of which an interval is told; of fewer each seed's value speaks for itself
+MIN_SEEDS = 5  # for an interval over seeds: with fewer, Student's t is too wide to be of use
 
 
 def r2(truth: np.ndarray, predicted: np.ndarray) -> float:
-    """Coefficient of determination, 1 - Σ(s - ŝ)² / Σ(s - mean s)²; NaN where the truth is one."""
+    """Coefficient of determination, 1 - Σ(s - ŝ)² / Σ(s - mean s)²; NaN for a constant truth."""
     total = ((truth - truth.mean()) ** 2).sum()
     return float(1 - ((truth - predicted) ** 2).sum() / total) if total > 0 else float("nan")
 
@@ -62,15 +62,15 @@ def interval(values: np.ndarray, level: float = 0.95) -> tuple[float, float]:
 
 
 def interval_of_seeds(values: np.ndarray) -> tuple[float, float]:
-    """`interval` of values (n,), one a seed; NaN for fewer than LEAST_SEEDS."""
-    return interval(values) if len(values) >= LEAST_SEEDS else (float("nan"), float("nan"))
+    """`interval` of values (n,), one of each seed; NaN for fewer than MIN_SEEDS."""
+    return interval(values) if len(values) >= MIN_SEEDS else (float("nan"), float("nan"))
 
 
 def summary(values: np.ndarray, metric: str) -> dict:
-    """What the seeds' values (n,) of a metric say: `mean`; `low` and `high` as of
-    `interval_of_seeds`, within what the metric can be; `each` value, with semicolons; `seeds` n."""
-    possible = (-np.inf, 1.0) if metric == "r2" else (0.0, np.inf)
-    low, high = np.clip(interval_of_seeds(values), *possible).tolist()
+    """Statistics of the seeds' values (n,) of a metric: `mean`, `low` and `high` of
+    `interval_of_seeds`, clipped to the metric's range, `each` value, and the number of `seeds`."""
+    bounds = (-np.inf, 1.0) if metric == "r2" else (0.0, np.inf)
+    low, high = np.clip(interval_of_seeds(values), *bounds).tolist()
     return {
         "mean": float(np.mean(values)),
         "low": low,
@@ -81,16 +81,17 @@ def summary(values: np.ndarray, metric: str) -> dict:
 
 
 def by_seed(predictions: pd.DataFrame, dataset: Dataset) -> pd.DataFrame:
-    """Columns target, metric, seed, value of each seed's predictions: sample, seed and the target
-    columns, as `predict.predict_part` gives them. No frame is left out, abstained from or not.
+    """Columns target, metric, seed, value, of predictions with the columns of
+    `predict.predict_part`. Frames that are abstained from count as well.
     """
     truth = dataset.table.set_index("sample")
     rows = []
     for target in dataset.metadata["targets"]:
         column = TARGETS[target]
         for name, metric in METRICS.items():
-            for seed, one in predictions.groupby("seed"):
-                true, predicted = truth.loc[one["sample"], column], one[column]
+            for seed, seed_predictions in predictions.groupby("seed"):
+                true = truth.loc[seed_predictions["sample"], column]
+                predicted = seed_predictions[column]
                 rows.append((target, name, seed, metric(true.to_numpy(), predicted.to_numpy())))
     return pd.DataFrame(rows, columns=["target", "metric", "seed", "value"])
 
@@ -100,8 +101,8 @@ def unit(metric: str, target: str) -> str:
     return "1" if metric == "r2" else UNITS[target]
 
 
-def of_ensemble(predictions: pd.DataFrame, dataset: Dataset) -> pd.DataFrame:
-    """Rows of `by_seed`, without seed, of the mean over seeds of what they predict."""
+def ensemble_errors(predictions: pd.DataFrame, dataset: Dataset) -> pd.DataFrame:
+    """Rows of `by_seed`, without seed, for the mean of the seeds' predictions."""
     columns = [TARGETS[target] for target in dataset.metadata["targets"]]
     mean = predictions.groupby("sample", as_index=False)[columns].mean()
     return by_seed(mean.assign(seed=0), dataset).drop(columns="seed")
@@ -111,15 +112,15 @@ def evaluate(
     predictions: pd.DataFrame, dataset: Dataset, split: str, budget: str, header: dict
 ) -> pd.DataFrame:
     """Rows (COLUMNS) of each target and metric: `summary` of the seeds of `by_seed`, and
-    `of_ensemble`. An interval tells what the seed does, not what another recording would.
+    `ensemble_errors`. Intervals hold the variation over seeds, not over recordings.
 
-    `header`: of the model's file, which says what it was trained on, and for how many epochs.
+    `header`: of the model's file, with the number of training samples and of epochs.
     """
     metadata = dataset.metadata
     simulated = bool(metadata["configuration"])
-    together = of_ensemble(predictions, dataset).set_index(["target", "metric"])["value"]
+    ensemble_values = ensemble_errors(predictions, dataset).set_index(["target", "metric"])["value"]
     rows = []
-    for (target, name), one in by_seed(predictions, dataset).groupby(
+    for (target, name), seed_rows in by_seed(predictions, dataset).groupby(
         ["target", "metric"], sort=False
     ):
         rows.append(
@@ -131,8 +132,8 @@ def evaluate(
                 "model": header["model"],
                 "target": target,
                 "metric": name,
-                **summary(one["value"].to_numpy(), name),
-                "ensemble": together[target, name],
+                **summary(seed_rows["value"].to_numpy(), name),
+                "ensemble": ensemble_values[target, name],
                 "unit": unit(name, target),
                 "budget": budget,
                 "trained_samples": header["trained_samples"],

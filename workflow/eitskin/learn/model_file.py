@@ -1,4 +1,4 @@
-"""The files that hold networks and support vectors once trained, a file a seed."""
+"""The files of trained networks and support vectors, one for each seed."""
 
 import io
 import json
@@ -20,19 +20,24 @@ Network = TypeVar("Network", bound=nn.Module)
 
 @dataclass
 class Trained:
-    """A model file: `header` (plain JSON) and `tensors`, a seed's weights under `<seed>/`."""
+    """The content of a model file: `header`, values of JSON, and `tensors`, with a seed's weights
+    under `<seed>/`."""
 
     header: dict
     tensors: dict[str, Tensor]
 
     def seeds(self) -> list[int]:
-        """The seeds it was trained with."""
+        """The seeds of the trainings."""
         return [run["seed"] for run in self.header["runs"]]
 
-    def into(self, module: Network, seed: int) -> Network:
+    def load_into(self, module: Network, seed: int) -> Network:
         """`module` with this seed's weights, frozen."""
-        start = f"{seed}/"
-        weights = {k.removeprefix(start): v for k, v in self.tensors.items() if k.startswith(start)}
+        prefix = f"{seed}/"
+        weights = {
+            key.removeprefix(prefix): weight
+            for key, weight in self.tensors.items()
+            if key.startswith(prefix)
+        }
         module.load_state_dict(weights)
         return module.eval().requires_grad_(False)
 
@@ -50,23 +55,25 @@ def write(trained: Trained, path: str | Path) -> None:
 
 
 def read_seeds(paths: Iterable[str | Path]) -> Trained:
-    """Files of one model, a seed each, as one with all seeds; raises InputError, also for files of
-    different trainings."""
+    """The files of one model, a seed each, as one with all seeds; raises InputError, also for files
+    of different trainings."""
     paths = list(paths)
-    found = [read(path) for path in paths]
-    header, scalers = _shared(found[0])
-    for path, other in zip(paths, found, strict=True):
-        own, scaled = _shared(other)
-        alike = own == header and scaled.keys() == scalers.keys()
-        if not alike or any(not torch.equal(scaled[key], scalers[key]) for key in scalers):
+    models = [read(path) for path in paths]
+    header, scalers = _shared(models[0])
+    for path, model in zip(paths, models, strict=True):
+        other_header, other_scalers = _shared(model)
+        same_training = other_header == header and other_scalers.keys() == scalers.keys()
+        if not same_training or any(
+            not torch.equal(other_scalers[key], scalers[key]) for key in scalers
+        ):
             raise InputError(path, "file", "another training", f"a seed of {paths[0]}'s")
-    runs = [run for one in found for run in one.header["runs"]]
-    tensors = {key: value for one in found for key, value in one.tensors.items()}
-    return Trained({**found[0].header, "runs": runs}, tensors)
+    runs = [run for model in models for run in model.header["runs"]]
+    tensors = {key: value for model in models for key, value in model.tensors.items()}
+    return Trained({**models[0].header, "runs": runs}, tensors)
 
 
 def _shared(trained: Trained) -> tuple[dict, dict[str, Tensor]]:
-    """What all seeds of a training have alike: header and scalers."""
+    """The header and the scalers, which are equal for all seeds of a training."""
     header = {key: value for key, value in trained.header.items() if key != "runs"}
     return header, {key: value for key, value in trained.tensors.items() if "/" not in key}
 
@@ -77,7 +84,7 @@ def read(path: str | Path) -> Trained:
         content = torch.load(path, map_location="cpu", weights_only=True)
         return Trained(json.loads(content["header"]), content["tensors"])
     except (OSError, RuntimeError, UnpicklingError, zipfile.BadZipFile, EOFError) as error:
-        found = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError(path, "file", found, "a model file") from None
+        message = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(path, "file", message, "a model file") from None
     except (KeyError, TypeError):
         raise InputError(path, "file", "another PyTorch file", "a model file") from None

@@ -1,4 +1,4 @@
-"""The models of Table I by name, a line each. What asks for names alone imports no network."""
+"""The models of Table I by name. Networks are imported only when they are made."""
 
 import importlib
 from collections.abc import Callable
@@ -9,25 +9,25 @@ from eitskin.errors import InputError
 
 @dataclass(frozen=True)
 class Model:
-    """`made_by`: the function, module.name of this package, that makes it of a `networks.Shape`;
-    encoder: whether its `encoder` is a trained autoencoder's, which it keeps; support_vectors:
-    whether these are fitted, else gradients train it, by equation 8 too; perceptron: whether its
-    hidden widths may be chosen."""
+    """`factory`: the function, module.name of this package, that makes the model from a
+    `networks.Shape`; encoder: whether its `encoder` is that of a trained autoencoder, frozen;
+    support_vectors: whether it is fitted as such, else it is trained by gradients; perceptron:
+    whether its hidden widths can be set."""
 
-    made_by: str
+    factory: str
     encoder: bool = False
     support_vectors: bool = False
     perceptron: bool = False
 
     @property
     def module(self) -> str:
-        """The module of that function."""
-        return f"eitskin.learn.{self.made_by.partition('.')[0]}"
+        """The module of the factory."""
+        return f"eitskin.learn.{self.factory.partition('.')[0]}"
 
     @property
     def make(self) -> Callable:
-        """The function that makes it."""
-        return getattr(importlib.import_module(self.module), self.made_by.partition(".")[2])
+        """The factory."""
+        return getattr(importlib.import_module(self.module), self.factory.partition(".")[2])
 
 
 MODELS = {  # in the order of the paper's table
@@ -43,13 +43,13 @@ PHYSICS_INFORMED = "physics-informed-"  # before any network's name: trained by 
 
 
 def names() -> list[str]:
-    """Every model's name, then those of networks that are trained by equation 8."""
+    """Every model's name, then those of the networks trained with equation 8."""
     networks = [name for name, model in MODELS.items() if not model.support_vectors]
     return [*MODELS, *(PHYSICS_INFORMED + name for name in networks)]
 
 
 def model(name: str) -> Model:
-    """A model by its row's name in the table; raises InputError for an unknown one."""
+    """The model of a name; raises InputError for an unknown one."""
     if name not in names():
         raise InputError("models", "name", repr(name), f"one of {', '.join(names())}")
     return MODELS[name.removeprefix(PHYSICS_INFORMED)]

@@ -1,6 +1,6 @@
 """Predictors from voltages to contact states, the rows of the paper's Table I, and the two networks
-that teach the physics-informed ones. Widths and depths are the paper's (§ III-C), but that
-perceptrons may have others; what the paper leaves open is named with each.
+that teach the physics-informed ones. Widths and depths are the paper's (§ III-C), except for
+perceptrons with other widths; each docstring names the choices that the paper leaves open.
 """
 
 import math
@@ -23,9 +23,9 @@ WIDTH = 64  # of a token once embedded, our choice: the paper names none
 
 @dataclass(frozen=True)
 class Shape:
-    """What a predictor is built for: the name of the `dataset` it learns from, `n_channels` M,
-    `n_targets` T and, where they are known, the table of the `channels` (M rows of source, sink,
-    plus, minus), the autoencoder's `latent_dim` K and a perceptron's hidden `widths`."""
+    """The sizes of a predictor: the name of its `dataset`, `n_channels` M, `n_targets` T and, where
+    known, the table of the `channels` (M rows of source, sink, plus, minus), the autoencoder's
+    `latent_dim` K and a perceptron's hidden `widths`."""
 
     dataset: str
     n_channels: int
@@ -35,19 +35,21 @@ class Shape:
     widths: Sequence[int] = HIDDEN
 
     @classmethod
-    def of(cls, header: dict, n_channels: int) -> "Shape":
-        """The shape that a model file's header tells."""
-        told = header["dataset"]
-        sizes = (n_channels, len(told["targets"]))
+    def from_header(cls, header: dict, n_channels: int) -> "Shape":
+        """The shape in a model file's header."""
+        dataset = header["dataset"]
+        sizes = (n_channels, len(dataset["targets"]))
         widths = header.get("widths", HIDDEN)
-        return cls(told["name"], *sizes, told.get("channels"), header.get("latent_dim"), widths)
+        return cls(
+            dataset["name"], *sizes, dataset.get("channels"), header.get("latent_dim"), widths
+        )
 
 
 def layers(*widths: int) -> nn.Sequential:
     """Linear layers of these widths with a ReLU between any two."""
     steps: list[nn.Module] = []
-    for k, (wide, next_wide) in enumerate(pairwise(widths)):
-        steps += [nn.ReLU()] * (k > 0) + [nn.Linear(wide, next_wide)]
+    for k, (width, next_wide) in enumerate(pairwise(widths)):
+        steps += [nn.ReLU()] * (k > 0) + [nn.Linear(width, next_wide)]
     return nn.Sequential(*steps)
 
 
@@ -86,7 +88,7 @@ class StateToLatent(nn.Module):
 
 
 class AutoencoderMlp(nn.Module):
-    """The MLP on the latent voltages of a trained autoencoder, whose encoder stays as it is."""
+    """The MLP on the latent voltages of a trained autoencoder, whose encoder is frozen."""
 
     def __init__(
         self, n_channels: int, n_targets: int, latent_dim: int, widths: Sequence[int] = HIDDEN
@@ -100,9 +102,9 @@ class AutoencoderMlp(nn.Module):
 
 
 class Halve(nn.Module):
-    """(B, C, L) → (B, C, L // 2): the larger of any two neighbours. Unlike those of PyTorch's own
-    pooling, its gradients are deterministic on every device; of the forms that have that, the
-    fastest to train."""
+    """(B, C, L) → (B, C, L // 2): the maximum of two neighbours. Unlike PyTorch's pooling its
+    gradients are deterministic on every device; of the forms with this property it trains fastest.
+    """
 
     def forward(self, value: Tensor) -> Tensor:
         a, b = value[..., : value.shape[-1] // 2 * 2].unflatten(-1, (-1, 2)).unbind(-1)
@@ -110,9 +112,9 @@ class Halve(nn.Module):
 
 
 def convolutions(n_channels: int, *widths: int) -> nn.Sequential:
-    """(B, 1, M) → (B, last width, M // 2^blocks): a block a width, of a convolution of kernel 3,
-    the maximum of two neighbours, ReLU (which commutes with it) and batch normalisation. Raises
-    InputError where nothing would remain of M."""
+    """(B, 1, M) → (B, last width, M // 2^blocks): one block for each width, of a convolution of
+    kernel 3, the maximum of two neighbours, ReLU (which commutes with it) and batch normalisation.
+    Raises InputError where M is too small for the blocks."""
     if n_channels < 2 ** len(widths):
         expected = f"{2 ** len(widths)} or more, halved {len(widths)} times"
         raise InputError("models", "channels", n_channels, expected)
@@ -144,8 +146,8 @@ def sinusoids(n_tokens: int, width: int) -> Tensor:
 
 
 class TokenEncoder(nn.Module):
-    """Tokens (B, L, W) → (B, 64): embedded, told apart by sinusoidal positions, two encoder layers
-    of four heads and 128 hidden units, averaged. The mean and no dropout are our choice."""
+    """Tokens (B, L, W) → (B, 64): embedded, with sinusoidal positions, two encoder layers of four
+    heads and 128 hidden units, averaged. The mean and no dropout are our choice."""
 
     position: Tensor
 
@@ -184,24 +186,24 @@ class Transformer(nn.Module):
 
 
 def drive_tokens(shape: Shape) -> Tensor:
-    """Tokens (drives, measuring pairs) for `Transformer`: a drive's channels, each in the slot of
-    its measuring pair, so that a lost channel leaves its slot empty and no other moves. A pair that
-    a drive measures again has a slot again. Raises InputError without a table of M channels."""
+    """Tokens (drives, measuring pairs) for `Transformer`: the channels of each drive, in the slots
+    of their measuring pairs, so that a lost channel leaves an empty slot. A pair that a drive
+    measures repeatedly has a slot for each. Raises InputError without a table of M channels."""
     table = np.array(shape.channels or []).reshape(-1, 4)
     if len(table) != shape.n_channels:
-        found = f"{len(table)} in the table" if len(table) else "no table"
+        content = f"{len(table)} in the table" if len(table) else "no table"
         expected = f"a table of {shape.n_channels}, as tokens are drives"
-        raise InputError(shape.dataset, "channels", found, expected)
-    again = pd.DataFrame(table).groupby([0, 1, 2, 3]).cumcount()
+        raise InputError(shape.dataset, "channels", content, expected)
+    repetition = pd.DataFrame(table).groupby([0, 1, 2, 3]).cumcount()
     drive = np.unique(table[:, :2], axis=0, return_inverse=True)[1]
-    slot = np.unique(np.column_stack([table[:, 2:], again]), axis=0, return_inverse=True)[1]
+    slot = np.unique(np.column_stack([table[:, 2:], repetition]), axis=0, return_inverse=True)[1]
     tokens = np.full((drive.max() + 1, slot.max() + 1), shape.n_channels)
     tokens[drive, slot] = np.arange(shape.n_channels)
     return torch.from_numpy(tokens)
 
 
 class CnnTransformer(nn.Module):
-    """Convolutions of 64, 128, whose every place is a token for the encoder, then a dense layer of
+    """Convolutions of 64, 128, with every position a token for the encoder, then a dense layer of
     64 → states (B, T). Two blocks and the dense layer's width are our choice."""
 
     def __init__(self, n_channels: int, n_targets: int):
@@ -215,7 +217,7 @@ class CnnTransformer(nn.Module):
 
 
 class Svr(nn.Module):
-    """Support vector regression once fitted, a Gaussian kernel, its vectors shared by the targets:
+    """Fitted support vector regression with a Gaussian kernel, its vectors shared by the targets:
     states (B, T) float64 = Σ_s dual[t, s] exp(-gamma ‖v - support[s]‖²) + intercept[t]."""
 
     support: Tensor
@@ -230,11 +232,11 @@ class Svr(nn.Module):
         self.register_buffer("intercept", torch.empty(n_targets, dtype=torch.float64))
         self.register_buffer("gamma", torch.empty((), dtype=torch.float64))
 
-    def _load_from_state_dict(self, state_dict: dict, prefix: str, *rest: object) -> None:
-        """As PyTorch's; how many vectors there are is the file's to say."""
+    def _load_from_state_dict(self, state_dict: dict, prefix: str, *arguments: object) -> None:
+        """As PyTorch's, with the number of vectors of the file."""
         for name in ("support", "dual"):
             self.register_buffer(name, torch.empty_like(state_dict[prefix + name]))
-        super()._load_from_state_dict(state_dict, prefix, *rest)
+        super()._load_from_state_dict(state_dict, prefix, *arguments)
 
     def forward(self, voltage: Tensor) -> Tensor:
         v, s = voltage.double(), self.support.double()
@@ -243,7 +245,7 @@ class Svr(nn.Module):
 
 
 def svr(shape: Shape) -> Svr:
-    """Support vectors, none as yet."""
+    """A regression without support vectors."""
     return Svr(shape.n_channels, shape.n_targets)
 
 
@@ -268,23 +270,23 @@ def channel_transformer(shape: Shape) -> Transformer:
 
 
 def autoencoder_mlp(shape: Shape) -> AutoencoderMlp:
-    """The MLP on latent voltages. Raises InputError where no autoencoder was told of."""
+    """The MLP on latent voltages. Raises InputError without an autoencoder."""
     if shape.latent_dim is None:
         raise InputError(shape.dataset, "autoencoder", "none", "one, whose encoder the model takes")
     return AutoencoderMlp(shape.n_channels, shape.n_targets, shape.latent_dim, shape.widths)
 
 
 def cnn_transformer(shape: Shape) -> CnnTransformer:
-    """The CNN whose places are tokens."""
+    """The CNN whose positions are tokens."""
     return CnnTransformer(shape.n_channels, shape.n_targets)
 
 
 def predictor(name: str, shape: Shape) -> nn.Module:
-    """A fresh predictor by its row's name in the table; raises InputError for an unknown name, and
-    for a shape that it cannot have."""
+    """A new predictor of a name; raises InputError for an unknown name and for a shape that the
+    predictor cannot have."""
     return models.model(name).make(shape)
 
 
 def in_chunks(module: nn.Module, voltage: Tensor) -> Tensor:
-    """States (N, T) of standardised voltages (N, M), a bounded number of samples at a time."""
+    """States (N, T) of standardised voltages (N, M), evaluated in chunks."""
     return torch.cat([module(chunk) for chunk in voltage.split(CHUNK)])

@@ -1,4 +1,4 @@
-"""PyTorch modules as graphs that need no PyTorch."""
+"""PyTorch modules traced to graphs that need no PyTorch."""
 
 import operator
 
@@ -10,29 +10,29 @@ from torch.export import Dim, ExportedProgram
 from eitskin.errors import InputError
 from eitskin.exported.graph import Graph, Step
 
-LEFT_OUT = ("aten._assert_tensor_metadata.default",)  # checks that change nothing
+ASSERTIONS = ("aten._assert_tensor_metadata.default",)  # without effect on the results
 
 
 def traced(module: nn.Module, example: Tensor, prefix: str) -> tuple[Graph, dict[str, np.ndarray]]:
-    """The graph of `module` for any number of frames like `example` (B, ...), for one alone where
-    B is 1, and its arrays, their names beginning with `prefix`.
+    """The graph of `module` and its arrays, with names that begin with `prefix`. It takes any
+    number of frames like `example` (B, ...), a single one where B is 1.
 
-    Raises InputError where the module has operations that `exported.graph` does not know.
+    Raises InputError for operations that `exported.graph` does not have.
     """
-    before = torch.backends.mha.get_fastpath_enabled()
+    fastpath_enabled = torch.backends.mha.get_fastpath_enabled()
     torch.backends.mha.set_fastpath_enabled(False)  # one kernel, which shows no operation
     try:
         with torch.no_grad():
             dynamic = ({0: Dim("frames", min=1)},) if len(example) > 1 else None
             program = torch.export.export(module.eval(), (example,), dynamic_shapes=dynamic)
     finally:
-        torch.backends.mha.set_fastpath_enabled(before)
+        torch.backends.mha.set_fastpath_enabled(fastpath_enabled)
     return _graph(program, prefix)
 
 
 def _graph(program: ExportedProgram, prefix: str) -> tuple[Graph, dict[str, np.ndarray]]:
     signature = program.graph_signature
-    held = {
+    array_names = {
         **signature.inputs_to_parameters,
         **signature.inputs_to_buffers,
         **signature.inputs_to_lifted_tensor_constants,
@@ -40,24 +40,24 @@ def _graph(program: ExportedProgram, prefix: str) -> tuple[Graph, dict[str, np.n
     values = {**program.constants, **program.state_dict}
     arrays = {}
     references: dict[str, dict[str, str]] = {}
-    given, steps, outputs = [], [], []
+    input_names, steps, outputs = [], [], []
     for node in program.graph.nodes:
-        if node.op == "placeholder" and node.name in held:
-            key = f"{prefix}{held[node.name]}"
-            arrays[key] = values[held[node.name]].detach().cpu().numpy()
+        if node.op == "placeholder" and node.name in array_names:
+            key = f"{prefix}{array_names[node.name]}"
+            arrays[key] = values[array_names[node.name]].detach().cpu().numpy()
             references[node.name] = {"array": key}
         elif node.op == "placeholder":
-            given.append(node.name)
+            input_names.append(node.name)
             references[node.name] = {"step": node.name}
         elif node.op == "output":
-            outputs = [one.name for one in node.args[0]]
-        elif _name(node.target) not in LEFT_OUT:
-            arguments = [_plain(one, references) for one in node.args]
-            named = {key: _plain(one, references) for key, one in node.kwargs.items()}
+            outputs = [argument.name for argument in node.args[0]]
+        elif _name(node.target) not in ASSERTIONS:
+            arguments = [_plain(argument, references) for argument in node.args]
+            named = {key: _plain(argument, references) for key, argument in node.kwargs.items()}
             steps.append(Step(node.name, _name(node.target), arguments, named))
             references[node.name] = {"step": node.name}
-    graph = Graph(given[0], steps, outputs)
-    if unknown := graph.unknown():
+    graph = Graph(input_names[0], steps, outputs)
+    if unknown := graph.unknown_operations():
         expected = "operations of eitskin.exported.graph"
         raise InputError("export", "operations", ", ".join(unknown), expected)
     return graph, arrays
@@ -71,11 +71,11 @@ def _name(target: object) -> str:
 
 
 def _plain(argument: object, references: dict[str, dict[str, str]]) -> object:
-    """An argument as a graph has it."""
+    """An argument as a value of JSON, as in `exported.graph.Graph`."""
     if isinstance(argument, torch.fx.Node):
         return references[argument.name]
     if isinstance(argument, list | tuple):
-        return [_plain(one, references) for one in argument]
+        return [_plain(element, references) for element in argument]
     if isinstance(argument, torch.dtype):
         return {"dtype": str(argument).removeprefix("torch.")}
     return argument

@@ -10,8 +10,8 @@ Each loss is a mean squared error: the equations' squared norms over samples, di
 of components (M channels, K latents, T targets), as in the authors' code, where λ = 0.03 was found.
 With undivided norms the same λ is 0.03 · T / K = 0.0056.
 
-Same input, same bytes: one thread, deterministic algorithms, a generator a seed. A file holds one
-seed; `draw` is the seed of the samples, which all seeds of a model share.
+Equal input gives equal bytes: one thread, deterministic algorithms, one generator for each seed. A
+file holds one seed of a model; all seeds share the samples.
 """
 
 import contextlib
@@ -37,10 +37,27 @@ Loss = Callable[..., Tensor]  # (module, *batch) -> scalar
 
 
 @dataclass(frozen=True)
+class Split:
+    """A data set and the `part` (N,) of each of its rows: "train", "validation" or "test"."""
+
+    dataset: Dataset
+    part: np.ndarray
+
+
+@dataclass(frozen=True)
+class Seeds:
+    """The seeds of a training: of the `draw` of samples, which a model's teachers share, and of the
+    `network`'s weights and batches."""
+
+    draw: int
+    network: int
+
+
+@dataclass(frozen=True)
 class Optimiser:
-    """Adam's settings: `weight_decay` is its L2 penalty, a step sees `batch_size` samples. The
-    learning rate falls from `learning_rate` to 0 along a half-wave of a cosine, which ends with the
-    last step (Loshchilov, Hutter, ICLR 2017), or stays as it is ("constant")."""
+    """Adam's settings, with `weight_decay` as its L2 penalty and `batch_size` samples a step. The
+    learning rate falls from `learning_rate` to 0 along a half-wave of a cosine over all steps
+    (Loshchilov, Hutter, ICLR 2017), or is "constant"."""
 
     learning_rate: float = 1e-3
     weight_decay: float = 1e-4
@@ -60,9 +77,9 @@ class Tube:
 
 @dataclass(frozen=True)
 class Budget:
-    """What a training may cost: `samples` at most (None: all; a quarter as many to validate on) and
-    `epochs`, all of which are run. The weights of the best validation loss are kept; where nothing
-    is `validated` those of the last epoch, trained on what was to validate on as well."""
+    """The size of a training: `samples` at most (None: all), a quarter as many for validation, and
+    the number of `epochs`. Where it is `validated`, the weights of the best validation loss are
+    kept; otherwise those of the last epoch, trained on the validation samples as well."""
 
     samples: int | None
     epochs: int
@@ -71,9 +88,9 @@ class Budget:
 
 @dataclass(frozen=True)
 class Recipe:
-    """How a model is trained: the weights of the force and of the latent loss (0: none), the hidden
-    `widths` of a perceptron and, where its teachers are trained with it, `latent_dim` K of the
-    autoencoder."""
+    """The settings of a training: the weights of the force and of the latent loss (0: none), the
+    hidden `widths` of a perceptron and, where its teachers are trained with it, `latent_dim` K of
+    the autoencoder."""
 
     optimiser: Optimiser
     budget: Budget
@@ -83,21 +100,23 @@ class Recipe:
     latent_dim: int | None = None
 
     @classmethod
-    def of(cls, settings: dict, budget: Budget, latent_dim: int | None = None) -> "Recipe":
-        """A recipe from plain values, the optimiser's in a dictionary of their own."""
-        own = {**settings, "optimiser": Optimiser(**settings["optimiser"])}
-        return cls(**own, budget=budget, latent_dim=latent_dim)
+    def from_settings(
+        cls, settings: dict, budget: Budget, latent_dim: int | None = None
+    ) -> "Recipe":
+        """A recipe from the configuration's values, the optimiser's nested."""
+        values = {**settings, "optimiser": Optimiser(**settings["optimiser"])}
+        return cls(**values, budget=budget, latent_dim=latent_dim)
 
 
 @dataclass
 class Material:
-    """Standardised voltages (n, M) and states (n, T) that are trained on, and of the validation
-    part; `apart`: voltages that are trained on and not of the validation part; `scalers`: what made
-    them (means and scales of what is trained on alone)."""
+    """Standardised voltages (n, M) and states (n, T) for training and for validation;
+    `unvalidated_voltage`: the training voltages that are not of the validation part; `scalers`:
+    means and scales of the training samples."""
 
     train: tuple[Tensor, ...]
     validation: tuple[Tensor, ...]
-    apart: Tensor
+    unvalidated_voltage: Tensor
     scalers: dict[str, Tensor]
 
 
@@ -106,12 +125,14 @@ def standardise(value: Tensor, scalers: dict[str, Tensor], name: str) -> Tensor:
     return ((value - scalers[f"{name}_mean"]) / scalers[f"{name}_scale"]).float()
 
 
-def prepare(dataset: Dataset, part: np.ndarray, budget: Budget, draw: int) -> Material:
-    """Draw a budget's samples from the parts by the seed `draw`, standardise them; where nothing is
-    validated, what is drawn to validate on is in both parts.
+def prepare(split: Split, budget: Budget, draw: int) -> Material:
+    """Standardised samples of a budget, drawn from the parts with the seed `draw`; without
+    validation the samples drawn for it are in both parts.
 
-    A channel that never moves in training is scaled by the median channel, so that a move shows.
+    A channel that is constant in training is scaled by the median channel, so that a change of it
+    shows. Raises InputError for a part of fewer than two samples, and for a constant target.
     """
+    dataset, part = split.dataset, split.part
     generator = np.random.default_rng(draw)
     rows = {}
     for name, share in ("train", 1.0), ("validation", 0.25):
@@ -121,7 +142,7 @@ def prepare(dataset: Dataset, part: np.ndarray, budget: Budget, draw: int) -> Ma
         rows[name].sort()
         if len(rows[name]) < 2:
             raise InputError(dataset.metadata["name"], f"part {name}", "under 2", "more samples")
-    rows["apart"] = rows["train"]
+    rows["unvalidated"] = rows["train"]
     if not budget.validated:
         rows["train"] = np.sort(np.concatenate([rows["train"], rows["validation"]]))
     values = {"voltage": dataset.delta_V.astype(np.float64), "state": dataset.states()}
@@ -141,12 +162,12 @@ def prepare(dataset: Dataset, part: np.ndarray, budget: Budget, draw: int) -> Ma
             for name, value in values.items()
         )
 
-    apart, _ = standardised("apart")
-    return Material(standardised("train"), standardised("validation"), apart, scalers)
+    unvalidated_voltage, _ = standardised("unvalidated")
+    return Material(standardised("train"), standardised("validation"), unvalidated_voltage, scalers)
 
 
 def deterministic() -> torch.device:
-    """Make torch repeatable; returns the device: a GPU where there is one, else the CPU."""
+    """Make torch deterministic and return the device: a GPU if available, else the CPU."""
     os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
     torch.set_num_threads(1)
     # What use_deterministic_algorithms does, without importing torch's compiler.
@@ -156,8 +177,8 @@ def deterministic() -> torch.device:
 
 @contextlib.contextmanager
 def without_subnormals() -> Iterator[None]:
-    """Numbers under the least normal float32 count as 0, in all that this thread computes: weights
-    that have decayed to there make an epoch three times as long."""
+    """Flush numbers below the smallest normal float32 to 0 in this thread: weights that have
+    decayed to there make an epoch three times as long."""
     torch.set_flush_denormal(True)
     try:
         yield
@@ -166,23 +187,26 @@ def without_subnormals() -> Iterator[None]:
 
 
 def device_name() -> str:
-    """What `deterministic` chose: the GPU's name, or "cpu"; written with every seed."""
+    """The name of the device of `deterministic`: the GPU's, or "cpu"; written with every seed."""
     return torch.cuda.get_device_name() if torch.cuda.is_available() else "cpu"
 
 
 @without_subnormals()
 def fit(
     module: nn.Module,
-    train: Sequence[Tensor],
-    validation: Sequence[Tensor],
+    parts: tuple[Sequence[Tensor], Sequence[Tensor]],
     loss: Loss,
     optimiser: Optimiser,
     budget: Budget,
     seed: int,
 ) -> list[list[float]]:
-    """The loop, over all epochs of the budget. Leaves in `module` the weights of the best
-    validation loss, or where nothing is validated the last; returns the training and the validation
-    loss of each epoch. Raises InputError where a validation loss is not finite."""
+    """Train `module` on the tensors of the training and validation `parts`; returns the training
+    and the validation loss of each epoch.
+
+    Leaves in `module` the weights of the best validation loss, without validation those of the last
+    epoch. Raises InputError where a validation loss is not finite.
+    """
+    train, validation = parts
     adam = torch.optim.Adam(
         module.parameters(),
         lr=optimiser.learning_rate,
@@ -194,18 +218,18 @@ def fit(
     steps = budget.epochs * math.ceil(n_train / optimiser.batch_size)
     rates = learning_rates(optimiser, steps)
     history: list[list[float]] = []
-    best, best_weights = float("inf"), {}
+    best_score, best_weights = float("inf"), {}
     for _ in patient(range(budget.epochs), f"epochs, seed {seed}"):
         module.train()
         total = torch.zeros((), device=train[0].device)
         order = torch.randperm(n_train, generator=generator).to(train[0].device)
         for rows in order.split(optimiser.batch_size):
             adam.param_groups[0]["lr"] = next(rates)
-            value = loss(module, *(values[rows] for values in train))
+            batch_loss = loss(module, *(values[rows] for values in train))
             adam.zero_grad()
-            value.backward()
+            batch_loss.backward()
             adam.step()
-            total += value.detach() * len(rows)
+            total += batch_loss.detach() * len(rows)
 
         module.eval()
         with torch.no_grad():
@@ -215,8 +239,8 @@ def fit(
                 "training", f"seed {seed}", "a loss that is not finite", "a finite one"
             )
         history.append([total.item() / n_train, score])
-        if budget.validated and score < best:
-            best = score
+        if budget.validated and score < best_score:
+            best_score = score
             best_weights = {k: v.clone() for k, v in module.state_dict().items()}
     if budget.validated:
         module.load_state_dict(best_weights)
@@ -224,14 +248,14 @@ def fit(
 
 
 def learning_rates(optimiser: Optimiser, steps: int) -> Iterator[float]:
-    """The learning rate of each step."""
+    """The learning rate of each of the steps."""
     for step in range(steps):
         share = 0.5 * (1.0 + math.cos(math.pi * step / steps))
         yield optimiser.learning_rate * (share if optimiser.schedule == "cosine" else 1.0)
 
 
 def _mean_loss(loss: Loss, module: nn.Module, samples: Sequence[Tensor]) -> float:
-    """A loss over all samples, a bounded number of them at a time."""
+    """Mean loss over all samples, evaluated in chunks."""
     chunks = zip(*(values.split(networks.CHUNK) for values in samples), strict=True)
     total = sum(loss(module, *chunk).double() * len(chunk[0]) for chunk in chunks)
     return float(total) / len(samples[0])
@@ -239,18 +263,18 @@ def _mean_loss(loss: Loss, module: nn.Module, samples: Sequence[Tensor]) -> floa
 
 def fit_svr(voltage: Tensor, state: Tensor, tube: Tube) -> Svr:
     """A support vector regression for each target on standardised voltages (n, M) and states
-    (n, T). Nothing in it is drawn: same samples, same vectors."""
+    (n, T). It is deterministic."""
     from sklearn.svm import SVR  # here, as only this fit needs it
 
-    v, s = voltage.double().cpu().numpy(), state.double().cpu().numpy()
-    gamma = 1.0 / (v.shape[1] * v.var())
-    dual, intercept = np.zeros((s.shape[1], len(v))), np.zeros(s.shape[1])
-    for k, target in enumerate(s.T):
-        fitted = SVR(C=tube.C, epsilon=tube.epsilon, gamma=gamma).fit(v, target)
+    voltages, states = voltage.double().cpu().numpy(), state.double().cpu().numpy()
+    gamma = 1.0 / (voltages.shape[1] * voltages.var())
+    dual, intercept = np.zeros((states.shape[1], len(voltages))), np.zeros(states.shape[1])
+    for k, target in enumerate(states.T):
+        fitted = SVR(C=tube.C, epsilon=tube.epsilon, gamma=gamma).fit(voltages, target)
         dual[k, fitted.support_] = fitted.dual_coef_[0]
         intercept[k] = fitted.intercept_[0]
     support = np.flatnonzero((dual != 0).any(axis=0))
-    module = Svr(v.shape[1], s.shape[1])
+    module = Svr(voltages.shape[1], states.shape[1])
     module.load_state_dict(
         {
             "support": voltage.cpu()[support],
@@ -263,12 +287,12 @@ def fit_svr(voltage: Tensor, state: Tensor, tube: Tube) -> Svr:
 
 
 def reconstruction(autoencoder: nn.Module, voltage: Tensor) -> Tensor:
-    """Equation 5."""
+    """Equation 5: mean squared error of the autoencoder's voltages (B, M)."""
     return (autoencoder(voltage) - voltage).square().mean()
 
 
 def alignment(regressor: nn.Module, state: Tensor, latent: Tensor) -> Tensor:
-    """Equation 6; equation 7 where the states are predicted."""
+    """Equation 6, of states (B, T) and latents (B, K); equation 7 if the states are predicted."""
     return (regressor(state) - latent).square().mean()
 
 
@@ -278,115 +302,115 @@ def supervision(predicted: Tensor, state: Tensor, weight: Tensor) -> Tensor:
 
 
 def train_autoencoder(
-    dataset: Dataset,
-    part: np.ndarray,
+    split: Split,
     output: str | Path,
     optimiser: Optimiser,
     budget: Budget,
-    draw: int,
-    seed: int,
+    seeds: Seeds,
     latent_dim: int,
 ) -> None:
     """Stage 1: write an autoencoder to `output`."""
     device = deterministic()
-    material = prepare(dataset, part, budget, draw)
+    material = prepare(split, budget, seeds.draw)
     train, validation = ([values[0].to(device)] for values in (material.train, material.validation))
-    torch.manual_seed(seed)
+    torch.manual_seed(seeds.network)
     module = Autoencoder(train[0].shape[1], latent_dim).to(device)
-    history = fit(module, train, validation, reconstruction, optimiser, budget, seed)
-    header = _header(dataset, "autoencoder", optimiser, budget, {"latent_dim": latent_dim})
-    _write(header, material, output, seed, module, history)
+    history = fit(module, (train, validation), reconstruction, optimiser, budget, seeds.network)
+    header = _header(split.dataset, "autoencoder", optimiser, budget, {"latent_dim": latent_dim})
+    _write(header, material, output, seeds.network, module, history)
 
 
 def train_regressor(
-    dataset: Dataset,
-    part: np.ndarray,
+    split: Split,
     autoencoder: str | Path,
     output: str | Path,
     optimiser: Optimiser,
     budget: Budget,
-    draw: int,
-    seed: int,
+    seeds: Seeds,
 ) -> None:
     """Stage 2: write a state-to-latent regressor to `output`, taught by the encoder of its seed.
-    Raises InputError where the autoencoder saw other data or is of another seed."""
+    Raises InputError where the autoencoder was trained on other samples or with another seed."""
     device = deterministic()
-    material = prepare(dataset, part, budget, draw)
+    material, seed = prepare(split, budget, seeds.draw), seeds.network
     teacher = _teacher(autoencoder, material, seed)
     latent_dim = teacher.header["latent_dim"]
-    (v, s), (v_check, s_check) = _moved(material, device)
+    (voltage, state), (validation_voltage, validation_state) = _on_device(material, device)
     torch.manual_seed(seed)
-    encoder = teacher.into(Autoencoder(v.shape[1], latent_dim), seed).encoder.to(device)
-    module = StateToLatent(s.shape[1], latent_dim).to(device)
-    train, validation = (s, encoder(v)), (s_check, encoder(v_check))
-    history = fit(module, train, validation, alignment, optimiser, budget, seed)
-    header = _header(dataset, "regressor", optimiser, budget, {"latent_dim": latent_dim})
+    encoder = teacher.load_into(Autoencoder(voltage.shape[1], latent_dim), seed).encoder.to(device)
+    module = StateToLatent(state.shape[1], latent_dim).to(device)
+    train, validation = (state, encoder(voltage)), (validation_state, encoder(validation_voltage))
+    history = fit(module, (train, validation), alignment, optimiser, budget, seed)
+    header = _header(split.dataset, "regressor", optimiser, budget, {"latent_dim": latent_dim})
     _write(header, material, output, seed, module, history)
 
 
 def train_predictor(
-    dataset: Dataset,
-    part: np.ndarray,
+    split: Split,
     model: str,
     output: str | Path,
     recipe: Recipe,
-    draw: int,
-    seed: int,
+    seeds: Seeds,
     teachers: Sequence[str | Path] = (),
 ) -> None:
     """Stage 3: write a predictor, with the gates of `learn.gates`, to `output`.
 
     `teachers` are the autoencoder's file, where λ is not 0 or the model begins with an encoder, and
-    the regressor's, where λ is not 0. Support vectors are fitted by the settings of `Tube`, and
-    nothing of them is drawn but the samples. Raises InputError for an unknown model, and where
-    teachers are missing, saw other data or are of another seed.
+    the regressor's, where λ is not 0. Support vectors are fitted with the settings of `Tube`.
+    Raises InputError for an unknown model, and for teachers that are missing, were trained on other
+    samples or with another seed.
     """
     budget, lambda_latent = recipe.budget, recipe.lambda_latent
-    device = deterministic()
-    material = prepare(dataset, part, budget, draw)
+    dataset, seed, device = split.dataset, seeds.network, deterministic()
+    material = prepare(split, budget, seeds.draw)
     targets = dataset.metadata["targets"]
     settings: dict = {"force_weight": recipe.force_weight, "lambda_latent": lambda_latent}
-    known = models.model(model)
-    if known.support_vectors:
+    model_row = models.model(model)
+    if model_row.support_vectors:
         settings = {}
-    taught = [_teacher(path, material, seed) for path in teachers]
-    if lambda_latent and len(taught) < 2:
+    teacher_models = [_teacher(path, material, seed) for path in teachers]
+    if lambda_latent and len(teacher_models) < 2:
         raise InputError(output, "teachers", "none", "an autoencoder and a regressor, as λ > 0")
-    if taught:
-        settings["latent_dim"] = taught[0].header["latent_dim"]
-    if known.perceptron:
+    if teacher_models:
+        settings["latent_dim"] = teacher_models[0].header["latent_dim"]
+    if model_row.perceptron:
         settings["widths"] = list(recipe.widths)
-    (v, s), (v_check, s_check) = _moved(material, device)
+    (v, s), (v_check, s_check) = _on_device(material, device)
     weights = [recipe.force_weight if target == "F" else 1.0 for target in targets]
     weight = torch.tensor(weights, device=device)
     settings |= _set_gates(material, dataset.metadata.get("untouched"))
-    fitted_by = Tube() if known.support_vectors else recipe.optimiser
-    header = _header(dataset, model, fitted_by, budget, settings)
+    fit_settings = Tube() if model_row.support_vectors else recipe.optimiser
+    header = _header(dataset, model, fit_settings, budget, settings)
 
     torch.manual_seed(seed)
-    module = networks.predictor(model, Shape.of(header, v.shape[1])).to(device)
+    module = networks.predictor(model, Shape.from_header(header, v.shape[1])).to(device)
     train, validation, regressor = [v, s], [v_check, s_check], None
-    if known.encoder or lambda_latent:
+    if model_row.encoder or lambda_latent:
         latent_dim = settings["latent_dim"]
-        encoder = taught[0].into(Autoencoder(v.shape[1], latent_dim), seed).encoder.to(device)
-    if known.encoder:
+        encoder = (
+            teacher_models[0]
+            .load_into(Autoencoder(v.shape[1], latent_dim), seed)
+            .encoder.to(device)
+        )
+    if model_row.encoder:
         assert isinstance(module.encoder, nn.Module)
         module.encoder.load_state_dict(encoder.state_dict())
     if lambda_latent:
-        regressor = taught[1].into(StateToLatent(s.shape[1], latent_dim), seed).to(device)
+        regressor = (
+            teacher_models[1].load_into(StateToLatent(s.shape[1], latent_dim), seed).to(device)
+        )
         train, validation = [*train, encoder(v)], [*validation, encoder(v_check)]
 
     loss = _predictor_loss(weight, lambda_latent, regressor)
-    if known.support_vectors:
+    if model_row.support_vectors:
         module = fit_svr(v, s, Tube())
         history = [[_mean_loss(loss, module, part) for part in (train, validation)]]
     else:
-        history = fit(module, train, validation, loss, recipe.optimiser, budget, seed)
+        history = fit(module, (train, validation), loss, recipe.optimiser, budget, seed)
     _write(header, material, output, seed, module, history)
 
 
 def _predictor_loss(weight: Tensor, lambda_latent: float, regressor: nn.Module | None) -> Loss:
-    """Equation 8, of a network and voltages, states and, where λ is not 0, latents; weight (T,)."""
+    """Equation 8 as a function of a network, voltages, states and, where λ is not 0, latents."""
 
     def loss(module: nn.Module, voltage: Tensor, state: Tensor, *latent: Tensor) -> Tensor:
         predicted = module(voltage)
@@ -399,58 +423,55 @@ def _predictor_loss(weight: Tensor, lambda_latent: float, regressor: nn.Module |
 
 
 def _set_gates(material: Material, untouched: dict | None) -> dict[str, dict]:
-    """The numbers of the gates of `learn.gates` by their names, for a model's header; their tensors
-    join the material's scalers."""
+    """The numbers of the gates of `learn.gates` by name, for a model's header; adds their tensors
+    to the material's scalers."""
     scalers, numbers = material.scalers, {}
     raw = material.validation[0] * scalers["voltage_scale"] + scalers["voltage_mean"]
     for name, gate in (
         ("touch", gates.touch_gate(raw, scalers["voltage_scale"], untouched)),
-        ("familiar", gates.familiar_gate(material.apart, material.validation[0])),
+        ("familiar", gates.familiar_gate(material.unvalidated_voltage, material.validation[0])),
     ):
         numbers[name] = {k: v for k, v in gate.items() if not isinstance(v, Tensor)}
         scalers |= {f"{name}_{k}": v for k, v in gate.items() if isinstance(v, Tensor)}
     return numbers
 
 
-def train_model(
-    dataset: Dataset,
-    part: np.ndarray,
-    model: str,
-    recipe: Recipe,
-    seed: int,
-) -> Trained:
-    """A predictor after all of its stages, as `train_predictor` writes it, its samples drawn by the
-    same seed, its teachers trained by its own optimiser and budget; no file is kept."""
+def train_model(split: Split, model: str, recipe: Recipe, seed: int) -> Trained:
+    """A predictor after all of its stages, as written by `train_predictor`; the samples are drawn
+    with the same seed, teachers are trained with the same optimiser and budget."""
     with TemporaryDirectory() as folder:
         encoder, regressor, output = (Path(folder, f"{k}.pt") for k in range(3))
-        job, teachers = (recipe.optimiser, recipe.budget, seed, seed), []
+        seeds, teachers = Seeds(seed, seed), []
+        job = (recipe.optimiser, recipe.budget, seeds)
         if recipe.lambda_latent or models.model(model).encoder:
             assert recipe.latent_dim is not None
-            train_autoencoder(dataset, part, encoder, *job, recipe.latent_dim)
+            train_autoencoder(split, encoder, *job, recipe.latent_dim)
             teachers.append(encoder)
         if recipe.lambda_latent:
-            train_regressor(dataset, part, encoder, regressor, *job)
+            train_regressor(split, encoder, regressor, *job)
             teachers.append(regressor)
-        train_predictor(dataset, part, model, output, recipe, seed, seed, teachers)
+        train_predictor(split, model, output, recipe, seeds, teachers)
         return model_file.read(output)
 
 
-def _moved(material: Material, device: torch.device) -> list[list[Tensor]]:
-    return [[v.to(device) for v in values] for values in (material.train, material.validation)]
+def _on_device(material: Material, device: torch.device) -> list[list[Tensor]]:
+    return [
+        [tensor.to(device) for tensor in values] for values in (material.train, material.validation)
+    ]
 
 
 def _header(
     dataset: Dataset, model: str, optimiser: Optimiser | Tube, budget: Budget, settings: dict
 ) -> dict:
-    known = ("name", "origin", "configuration", "targets", "unit")
-    if_given = ("voltage", "channels", "lost_channels")
+    required_keys = ("name", "origin", "configuration", "targets", "unit")
+    optional_keys = ("voltage", "channels", "lost_channels")
     metadata = dataset.metadata
     return {
         "format": "eitskin-model",
         "version": 1,
         "model": model,
-        "dataset": {key: metadata[key] for key in known}
-        | {key: metadata[key] for key in if_given if key in metadata},
+        "dataset": {key: metadata[key] for key in required_keys}
+        | {key: metadata[key] for key in optional_keys if key in metadata},
         "optimiser": asdict(optimiser),
         "budget": asdict(budget),
         **settings,

@@ -1,43 +1,43 @@
-"""Runs of a transfer from simulation to recording: the methods, the labels that they may see, and
-the table of errors that each leaves."""
+"""Runs of a transfer from simulation to recording: the methods, the labels they use, and the
+columns of their errors."""
 
 import numpy as np
 import pandas as pd
 
-SHARE = 0.05  # of the recording's training frames, labelled
-DRAWS = 10  # of the labelled presses
+SHARE = 0.05  # of the recording's training frames that are labelled: the authors'
+DRAWS = 10  # of the labelled presses, for an interval over them
 
-NONE, FEW, ALL = "none", "5 %", "training part"
+NO_LABELS, FEW_LABELS, ALL_LABELS = "none", "5 %", "training part"
 ZERO_SHOT = "zero-shot"
 CONSTANT, NEAREST = "constant", "nearest of the 5 %"
 TRAINED_FEW, TRAINED_ALL = "trained on the 5 %", "trained on the recording"
 METHODS = {  # and the recording's labels that each uses
-    ZERO_SHOT: NONE,
-    "z-score": NONE,
-    "CORAL": NONE,
-    "affine": FEW,
-    "isotonic": FEW,
-    "CORAL + adapter": FEW,
-    "CORAL + adapter + isotonic": FEW,
-    CONSTANT: FEW,
-    NEAREST: FEW,
-    TRAINED_FEW: FEW,
-    TRAINED_ALL: ALL,
+    ZERO_SHOT: NO_LABELS,
+    "z-score": NO_LABELS,
+    "CORAL": NO_LABELS,
+    "affine": FEW_LABELS,
+    "isotonic": FEW_LABELS,
+    "CORAL + adapter": FEW_LABELS,
+    "CORAL + adapter + isotonic": FEW_LABELS,
+    CONSTANT: FEW_LABELS,
+    NEAREST: FEW_LABELS,
+    TRAINED_FEW: FEW_LABELS,
+    TRAINED_ALL: ALL_LABELS,
 }
 RUNS = ("method", "draw", "seed", "labelled_frames", "variable", "metric", "value", "left_out")
 
 
 def labelled(table: pd.DataFrame, part: np.ndarray, seed: int) -> np.ndarray:
-    """Rows (n,) of the training part whose labels are known: whole presses (a place in a session),
-    drawn until they come nearest to 5 % of its frames; two at least."""
+    """Labelled rows (n,) of the training part: whole presses (a place in a session), drawn at
+    random until they are nearest to 5 % of its frames; at least two."""
     rows = np.flatnonzero(part == "train")
     press = presses(table, rows)
-    drawn = np.random.default_rng(seed).permutation(press.max() + 1)
-    frames = np.cumsum(np.bincount(press)[drawn])
+    shuffled_presses = np.random.default_rng(seed).permutation(press.max() + 1)
+    frames = np.cumsum(np.bincount(press)[shuffled_presses])
     count = max(2, int(np.abs(frames - SHARE * len(rows)).argmin()) + 1)
-    return rows[np.isin(press, drawn[:count])]
+    return rows[np.isin(press, shuffled_presses[:count])]
 
 
 def presses(table: pd.DataFrame, rows: np.ndarray) -> np.ndarray:
-    """(n,): the press, a place in a session, of each of some rows, counted from 0."""
+    """(n,): the number of the press, a place in a session, of each row, from 0."""
     return table.iloc[rows].groupby(["session", "place"], sort=True).ngroup().to_numpy()

@@ -1,9 +1,9 @@
-"""How well physics allows a touch to be known from one change of the voltages.
+"""The lowest error with which a touch can be estimated from one change of the voltages.
 
-The best estimate in squared error is the posterior mean, under the distribution that the set was
-drawn from: places even over the disc, clipped normal forces, and the session's skin and gains
-either known or drawn as the configuration says. Its errors on tested samples are the limit that a
-model of the same samples is held against, in the same metrics.
+The best estimate in squared error is the posterior mean under the distribution the set was drawn
+from: places uniform over the disc, clipped normal forces, and the session's skin and gains either
+known or distributed as in the configuration. Its errors on test samples are the limit for models
+tested on the same samples, in the same metrics.
 """
 
 from typing import TypedDict
@@ -14,15 +14,15 @@ from scipy.special import ndtri
 
 from eitskin.data.dataset import Dataset
 from eitskin.limit.observation import Experiment, Sample, SessionModel
-from eitskin.limit.posterior import different, draw, find_mode
+from eitskin.limit.posterior import distinct_modes, draw, find_mode
 from eitskin.limit.score import ESTIMATES, SEED, TARGETS
 from eitskin.physics.skin import Skin
 from eitskin.progress import patient
 from eitskin.simulate.state_priors import force_N, place_normal
 
-PLACES, FORCES = 600, 8  # from which searches may start
-STARTS, APART_MM = 2, 12.0
-LEAST_EFFECTIVE, MORE = 16.0, (4, 16)  # draws; with fewer as many times the pairs are drawn
+PLACES, FORCES = 600, 8  # of the table of starts: places some 5 mm apart on a disc of 72 mm
+STARTS, APART_MM = 2, 12.0  # searches, from places farther apart than one mode is wide
+MIN_EFFECTIVE, PAIR_FACTORS = 16.0, (4, 16)  # effective draws; below, pairs are multiplied so
 
 
 def experiment_of(
@@ -33,7 +33,7 @@ def experiment_of(
     session_frames: int,
     continuous: dict,
 ) -> Experiment:
-    """What a continuous set's samples were drawn from, by the configuration's blocks; raises
+    """The distribution of a continuous set's samples, from the configuration's blocks; raises
     InputError for effects without a likelihood."""
     return Experiment(
         Skin.from_metadata(skin, "config.yaml"),
@@ -48,7 +48,8 @@ def experiment_of(
 
 
 class Starts:
-    """Noise-free changes of the mean skin, spread over places and forces, to start from."""
+    """Starting points of searches: noise-free changes of the mean skin on a spiral of PLACES and at
+    FORCES quantiles of the force."""
 
     def __init__(self, model: SessionModel):
         experiment = model.experiment
@@ -63,25 +64,27 @@ class Starts:
             [model.changes(place, force, mean) @ model.mixing.T for place in self.place]
         )
 
-    def of(self, delta_V: np.ndarray, read: np.ndarray | None = None) -> np.ndarray:
-        """(STARTS, 3): standard normal numbers of the states whose changes come nearest to (M,) V,
-        in the channels that are read, None all; places apart."""
-        seen = slice(None) if read is None else read
-        misfit = ((self.change[..., seen] - delta_V[seen]) ** 2).sum(axis=-1)
+    def nearest(self, delta_V: np.ndarray, read_channels: np.ndarray | None = None) -> np.ndarray:
+        """(STARTS, 3): standard normal numbers of the states whose changes are nearest to (M,) V in
+        `read_channels`, None all, with places at least APART_MM apart."""
+        channels = slice(None) if read_channels is None else read_channels
+        misfit = ((self.change[..., channels] - delta_V[channels]) ** 2).sum(axis=-1)
         force, best = misfit.argmin(axis=1), misfit.min(axis=1)
-        chosen: list[int] = []
+        start_places: list[int] = []
         for k in np.argsort(best, kind="stable"):
-            near = np.linalg.norm(self.place[chosen] - self.place[k], axis=1) < APART_MM
-            if not near.any():
-                chosen.append(int(k))
-            if len(chosen) == STARTS:
+            too_close = np.linalg.norm(self.place[start_places] - self.place[k], axis=1) < APART_MM
+            if not too_close.any():
+                start_places.append(int(k))
+            if len(start_places) == STARTS:
                 break
-        return np.column_stack([self.place_normal[chosen], self.force_normal[force[chosen]]])
+        return np.column_stack(
+            [self.place_normal[start_places], self.force_normal[force[start_places]]]
+        )
 
 
 class Estimate(TypedDict):
-    """Posterior `mean` and `sd` (3,) of x mm, y mm and F N; `effective`, the share of the weighted
-    draws that counts, and `modes`, how many there are."""
+    """Posterior `mean` and `sd` (3,) of x mm, y mm and F N; `effective`, the effective sample size
+    over the number of draws; `modes`, the number of modes."""
 
     mean: np.ndarray
     sd: np.ndarray
@@ -96,23 +99,26 @@ def estimate(
     pairs: int,
     rng: np.random.Generator,
 ) -> Estimate:
-    """What the posterior says given a change (R,) V of the channels that the model reads.
+    """The posterior's mean and sd given a change (R,) V of the model's measured channels.
 
-    starts (S, 3): standard normal numbers of the states from which modes are sought.
+    starts (S, 3): standard normal numbers of the states from which searches for modes start; pairs:
+    of draws, more where their effective size is below MIN_EFFECTIVE.
     """
     sample = Sample(model, delta_V)
-    rest = np.zeros(sample.size - 3)
-    modes = different([find_mode(sample, np.concatenate([start, rest])) for start in starts])
+    skin_start = np.zeros(sample.size - 3)
+    modes = distinct_modes(
+        [find_mode(sample, np.concatenate([start, skin_start])) for start in starts]
+    )
     draws = draw(sample, modes, pairs, rng)
-    for more in MORE:
-        if draws.effective < LEAST_EFFECTIVE:
-            draws = draw(sample, modes, more * pairs, rng)
+    for factor in PAIR_FACTORS:
+        if draws.effective_size < MIN_EFFECTIVE:
+            draws = draw(sample, modes, factor * pairs, rng)
     state = sample.state(draws.z)
     mean = draws.weight @ state
     return {
         "mean": mean,
         "sd": np.sqrt(draws.weight @ (state - mean) ** 2),
-        "effective": draws.effective / len(draws.z),
+        "effective": draws.effective_size / len(draws.z),
         "modes": len(modes),
     }
 
@@ -120,30 +126,30 @@ def estimate(
 def estimates(
     experiment: Experiment, dataset: Dataset, part: np.ndarray, seed: int, samples: int, pairs: int
 ) -> pd.DataFrame:
-    """A row an estimate and tested sample, of `samples` drawn from the test part: `estimate`,
+    """One row for each estimate and sample, of `samples` drawn from the test part: `estimate`,
     sample, session, the true x_mm, y_mm, force_N, their posterior `_mean` and `_sd`, `effective`
     and `modes`.
     """
     tested = np.flatnonzero(part == "test")
     rng = np.random.default_rng([seed, SEED])
     rows = np.sort(rng.choice(tested, min(samples, len(tested)), replace=False))
-    unknown = experiment.unknown()
-    starts = Starts(unknown)
-    known: tuple[int, SessionModel] | None = None
-    found = []
+    prior_session = experiment.prior_session()
+    starts = Starts(prior_session)
+    session_model: tuple[int, SessionModel] | None = None
+    estimate_rows = []
     for row in patient(rows, "samples"):
         truth, change = dataset.table.iloc[row], dataset.delta_V[row].astype(float)
         session = int(truth["session"])
-        if known is None or known[0] != session:
-            known = session, experiment.known(seed, session)
-        for name, model in zip(ESTIMATES, (unknown, known[1]), strict=True):
-            own = np.random.default_rng([seed, SEED, int(truth["sample"])])
-            posterior = estimate(model, change, starts.of(change), pairs, own)
-            one = {"estimate": name, "sample": int(truth["sample"]), "session": session}
+        if session_model is None or session_model[0] != session:
+            session_model = session, experiment.drawn_session(seed, session)
+        for name, model in zip(ESTIMATES, (prior_session, session_model[1]), strict=True):
+            sample_rng = np.random.default_rng([seed, SEED, int(truth["sample"])])
+            posterior = estimate(model, change, starts.nearest(change), pairs, sample_rng)
+            estimate_row = {"estimate": name, "sample": int(truth["sample"]), "session": session}
             for k, column in enumerate(TARGETS.values()):
-                one[column] = truth[column]
-                one[f"{column}_mean"] = posterior["mean"][k]
-                one[f"{column}_sd"] = posterior["sd"][k]
-            one |= {"effective": posterior["effective"], "modes": posterior["modes"]}
-            found.append(one)
-    return pd.DataFrame(found)
+                estimate_row[column] = truth[column]
+                estimate_row[f"{column}_mean"] = posterior["mean"][k]
+                estimate_row[f"{column}_sd"] = posterior["sd"][k]
+            estimate_row |= {"effective": posterior["effective"], "modes": posterior["modes"]}
+            estimate_rows.append(estimate_row)
+    return pd.DataFrame(estimate_rows)

@@ -1,18 +1,17 @@
-"""How far models stay behind what physics allows: their errors over the posterior mean's, on the
-very samples that both were tested on."""
+"""Errors of models over those of the posterior mean, on the same test samples."""
 
 import numpy as np
 import pandas as pd
 
 from eitskin.errors import InputError
 from eitskin.learn import metrics
-from eitskin.limit.score import ESTIMATES, TARGETS, sessions_again
+from eitskin.limit.score import ESTIMATES, TARGETS, resampled_sessions
 
 COLUMNS = (
     *("configuration", "split", "model", "target", "metric", "value", "limit"),
     *("ratio", "low", "high", "unit", "samples", "sessions", "seeds"),
 )
-SHOWN = ("mae", "rmse")
+ERRORS = ("mae", "rmse")
 
 
 def ratios(
@@ -20,25 +19,30 @@ def ratios(
 ) -> pd.DataFrame:
     """Rows (COLUMNS) of each model, target and error.
 
-    predictions: of each model, as `predict.predict_part` gives them; samples: rows of
-    `posterior_mean.estimates`, of which the estimate "limit" counts. `value` is the mean over a
-    model's seeds, and of several seeds the model's "-ensemble" has rows of its own; `ratio` is
-    value / limit, `low` and `high` its 95 % bootstrap interval over whole sessions, in which model
-    and limit are resampled alike. Raises InputError without a model, and where one lacks one of the
-    samples.
+    predictions: by model, as from `predict.predict_part`; samples: rows of
+    `posterior_mean.estimates`, of which those of the estimate "limit" are used. `value` is the mean
+    over a model's seeds; the mean of several seeds has rows of its own, as "-ensemble". `ratio` is
+    value / limit, `low` and `high` its 95 % bootstrap interval over sessions, resampled together
+    for model and limit. Raises InputError without a model, and for a model that lacks a sample.
     """
     if not predictions:
         raise InputError(configuration, "models", "none", "at least one in `table_1`")
     limit = samples[samples["estimate"] == ESTIMATES[0]].reset_index(drop=True)
-    again = sessions_again(limit, seed)
+    resamples = resampled_sessions(limit, seed)
     rows = []
-    for model, states in _of_each(predictions, limit["sample"]).items():
+    for model, states in _by_model(predictions, limit["sample"]).items():
         for target, column in TARGETS.items():
-            truth, best = limit[column].to_numpy(), limit[f"{column}_mean"].to_numpy()
-            for name in SHOWN:
-                errors = [_errors(name, truth[k], states[column][:, k], best[k]) for k in again]
-                value, least = _errors(name, truth, states[column], best)
-                low, high = np.quantile([own / lowest for own, lowest in errors], [0.025, 0.975])
+            truth, posterior_mean = limit[column].to_numpy(), limit[f"{column}_mean"].to_numpy()
+            for name in ERRORS:
+                errors = [
+                    _errors(name, truth[k], states[column][:, k], posterior_mean[k])
+                    for k in resamples
+                ]
+                value, limit_error = _errors(name, truth, states[column], posterior_mean)
+                low, high = np.quantile(
+                    [model_error / limit_value for model_error, limit_value in errors],
+                    [0.025, 0.975],
+                )
                 rows.append(
                     {
                         "configuration": configuration,
@@ -47,8 +51,8 @@ def ratios(
                         "target": target,
                         "metric": name,
                         "value": value,
-                        "limit": least,
-                        "ratio": value / least,
+                        "limit": limit_error,
+                        "ratio": value / limit_error,
                         "low": float(low),
                         "high": float(high),
                         "unit": metrics.unit(name, target),
@@ -61,20 +65,20 @@ def ratios(
 
 
 def _errors(
-    name: str, truth: np.ndarray, states: np.ndarray, best: np.ndarray
+    name: str, truth: np.ndarray, states: np.ndarray, posterior_mean: np.ndarray
 ) -> tuple[float, float]:
-    """An error of a model, the mean over its seeds' states (S, n), and the limit's."""
+    """The error of a model, mean over its seeds' states (S, n), and that of the limit."""
     error = metrics.METRICS[name]
-    return float(np.mean([error(truth, one) for one in states])), error(truth, best)
+    return float(np.mean([error(truth, state) for state in states])), error(truth, posterior_mean)
 
 
-def _of_each(
+def _by_model(
     predictions: dict[str, pd.DataFrame], samples: pd.Series
 ) -> dict[str, dict[str, np.ndarray]]:
-    """By model, and by ensemble, and column of a target: what its seeds predict (S, n)."""
-    found = {}
+    """Predictions (S, n) of every seed, by model or ensemble and column of a target."""
+    predicted = {}
     for model, table in predictions.items():
-        own = {}
+        by_column = {}
         for column in TARGETS.values():
             wide = table.pivot(index="seed", columns="sample", values=column)
             wide = wide.reindex(columns=samples)
@@ -82,9 +86,11 @@ def _of_each(
             if len(missing):
                 expected = f"the {len(samples)} samples of the limit, of every seed"
                 raise InputError(model, "predictions", f"none of sample {missing[0]}", expected)
-            own[column] = wide.to_numpy()
-        found[model] = own
-        if len(own[column]) > 1:
-            mean = {column: states.mean(axis=0, keepdims=True) for column, states in own.items()}
-            found[model + metrics.ENSEMBLE] = mean
-    return found
+            by_column[column] = wide.to_numpy()
+        predicted[model] = by_column
+        if len(by_column[column]) > 1:
+            mean = {
+                column: states.mean(axis=0, keepdims=True) for column, states in by_column.items()
+            }
+            predicted[model + metrics.ENSEMBLE] = mean
+    return predicted

@@ -1,4 +1,4 @@
-"""How well the posterior mean did, in the metrics of the models that it limits."""
+"""Errors of the posterior mean, in the metrics of the models that it limits."""
 
 import zlib
 
@@ -14,26 +14,25 @@ COLUMNS = (
     *("configuration", "recording", "split", "estimate", "target", "metric"),
     *("value", "low", "high", "unit", "samples"),
 )
-RESAMPLED = 1000
+RESAMPLES = 1000  # a 95 % limit to within some 0.5 % of probability
 SEED = zlib.crc32(b"limit")
 
 
-def score(found: pd.DataFrame, dataset: Dataset, split: str, seed: int) -> pd.DataFrame:
+def score(estimates: pd.DataFrame, dataset: Dataset, split: str, seed: int) -> pd.DataFrame:
     """Rows (COLUMNS) of each estimate, target and metric: the value, and its 95 % bootstrap
-    interval over whole sessions. `z2`: mean square of the errors over the posterior's sd, 1 where
-    it is right about itself.
+    interval over sessions. `z2`: mean square of error / posterior sd, 1 where the sd is calibrated.
     """
     rows = []
-    for name, table in found.groupby("estimate"):
-        again = sessions_again(table, seed)
+    for name, table in estimates.groupby("estimate"):
+        resamples = resampled_sessions(table, seed)
         for target, column in TARGETS.items():
             truth, mean, sd = (
                 table[key].to_numpy() for key in (column, f"{column}_mean", f"{column}_sd")
             )
             pulls = (truth - mean) / sd
             for metric in (*metrics.METRICS, "z2"):
-                found_again = [_value(metric, truth[k], mean[k], pulls[k]) for k in again]
-                low, high = np.quantile(found_again, [0.025, 0.975])
+                resampled = [_value(metric, truth[k], mean[k], pulls[k]) for k in resamples]
+                low, high = np.quantile(resampled, [0.025, 0.975])
                 rows.append(
                     {
                         "configuration": dataset.metadata["configuration"],
@@ -52,13 +51,13 @@ def score(found: pd.DataFrame, dataset: Dataset, split: str, seed: int) -> pd.Da
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
-def sessions_again(table: pd.DataFrame, seed: int) -> list[np.ndarray]:
-    """Rows of a table, its sessions drawn again with replacement, RESAMPLED times."""
+def resampled_sessions(table: pd.DataFrame, seed: int) -> list[np.ndarray]:
+    """RESAMPLES arrays of rows of a table, its sessions drawn with replacement."""
     groups = list(table.groupby("session").indices.values())
     rng = np.random.default_rng([seed, SEED])
     return [
         np.concatenate([groups[k] for k in rng.integers(len(groups), size=len(groups))])
-        for _ in range(RESAMPLED)
+        for _ in range(RESAMPLES)
     ]
 
 

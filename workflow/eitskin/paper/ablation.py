@@ -1,7 +1,7 @@
-"""What the paper's choices are worth: each varied alone, and training physics-informed against
-plain, at several sizes, with both tuned alike.
+"""Ablation of the paper's choices: each varied alone, and physics-informed against plain training
+at several sizes, both tuned in the same grid.
 
-A setting is what differs from a model's own recipe and from the budget's `samples`.
+A setting holds the differences from a model's recipe and from the budget's `samples`.
 """
 
 from collections.abc import Iterable
@@ -15,8 +15,8 @@ from eitskin.atomic import atomic_path
 from eitskin.learn.metrics import interval_of_seeds, summary, unit
 
 DEFAULT = "default"
-PLAIN, INFORMED = PAIR = "mlp", "physics-informed-mlp"  # the two that are compared
-WITH_OWN_TEACHERS = ("latent_dim", "samples")  # what an autoencoder and a regressor depend on
+PLAIN, INFORMED = PAIR = "mlp", "physics-informed-mlp"  # the compared models
+WITH_OWN_TEACHERS = ("latent_dim", "samples")  # on which an autoencoder and a regressor depend
 VARIED = (
     *("study", "value", "dataset", "split", "model", "target", "metric", "mean", "low", "high"),
     *("each", "unit", "seeds", "budget"),
@@ -30,10 +30,10 @@ SHOWN = {"r2": "R²", "mae": "MAE"}
 
 
 def settings(default: dict, varied: dict[str, list]) -> dict[str, dict]:
-    """Settings by name: `default`, and `<key>-<value>` for every other value of `varied` than the
-    default's own."""
+    """Settings by name: `default`, and `<key>-<value>` for every value of `varied` that differs
+    from the default's."""
     return {DEFAULT: {}} | {
-        _named(key, value): {key: value}
+        _setting_name(key, value): {key: value}
         for key, values in varied.items()
         for value in values
         if value != default[key]
@@ -41,8 +41,8 @@ def settings(default: dict, varied: dict[str, list]) -> dict[str, dict]:
 
 
 def grid(axes: dict[str, list], widths: list[int]) -> dict[str, dict]:
-    """Settings by name, one for each combination of the values of `axes` (key to values), of
-    networks of these hidden widths."""
+    """Settings by name, one for each combination of the values of `axes`, for networks of these
+    hidden widths."""
     points = [
         dict(zip(sorted(axes), point, strict=True))
         for point in product(*(axes[key] for key in sorted(axes)))
@@ -64,7 +64,7 @@ def size(widths: list[int]) -> str:
 def studies(default: dict, varied: dict[str, list]) -> list[tuple]:
     """Key, value and name of the setting of every value of `varied`, in order."""
     return [
-        (key, value, DEFAULT if value == default[key] else _named(key, value))
+        (key, value, DEFAULT if value == default[key] else _setting_name(key, value))
         for key, values in varied.items()
         for value in values
     ]
@@ -75,24 +75,24 @@ def has_own_teachers(setting: str) -> bool:
     return setting.startswith(tuple(f"{key}-" for key in WITH_OWN_TEACHERS))
 
 
-def _named(key: str, value: float | None) -> str:
-    return f"{key}-{_told(value)}"
+def _setting_name(key: str, value: float | None) -> str:
+    return f"{key}-{_value_text(value)}"
 
 
-def _told(value: float | None) -> str:
+def _value_text(value: float | None) -> str:
     return "all" if value is None else f"{value:g}"
 
 
 def score(rows: pd.DataFrame) -> float:
-    """What settings are chosen by, less is better: the geometric mean over targets of the mean
-    absolute error over seeds, so that a tenth less of any target's error counts alike. rows: of
-    `metrics.by_seed`."""
+    """The criterion of a setting, to be minimised: the geometric mean over targets of the mean
+    absolute error, averaged over seeds, so that equal relative changes of any target's error count
+    the same. rows: of `metrics.by_seed`."""
     errors = rows[rows["metric"] == "mae"].groupby("target")["value"].mean()
     return float(np.exp(np.log(errors).mean()))
 
 
 def best(scores: dict[str, pd.DataFrame]) -> str:
-    """The setting with the best `score`; of equal ones the first.
+    """The setting with the lowest `score`; the first of equal ones.
 
     `scores`: by setting, the rows of `metrics.by_seed` on the validation part.
     """
@@ -104,53 +104,59 @@ def in_words(setting: dict, axes: Iterable[str]) -> str:
     return ", ".join(f"{key.replace('_', ' ')} {setting[key]:g}" for key in axes)
 
 
-def varied_rows(rows: pd.DataFrame, about: dict) -> list[dict]:
-    """Rows (VARIED) from those of `metrics.by_seed` of one setting: `metrics.summary` of its seeds;
-    `about` gives study, value, dataset, split and budget."""
-    found = []
-    for (target, metric), one in rows.groupby(["target", "metric"], sort=False):
-        statistics = summary(one["value"].to_numpy(), metric)
-        kind = {"target": target, "metric": metric, "unit": unit(metric, target)}
-        found.append(
-            {**about, "model": INFORMED, "value": _told(about["value"]), **kind, **statistics}
+def varied_rows(rows: pd.DataFrame, setting_columns: dict) -> list[dict]:
+    """Rows (VARIED) from those of `metrics.by_seed` of one setting: `metrics.summary` of its seeds,
+    with `setting_columns` study, value, dataset, split and budget."""
+    table_rows = []
+    for (target, metric), seed_rows in rows.groupby(["target", "metric"], sort=False):
+        statistics = summary(seed_rows["value"].to_numpy(), metric)
+        target_columns = {"target": target, "metric": metric, "unit": unit(metric, target)}
+        table_rows.append(
+            {
+                **setting_columns,
+                "model": INFORMED,
+                "value": _value_text(setting_columns["value"]),
+                **target_columns,
+                **statistics,
+            }
         )
-    return found
+    return table_rows
 
 
-def compared_rows(plain: pd.DataFrame, informed: pd.DataFrame, about: dict) -> list[dict]:
+def compared_rows(plain: pd.DataFrame, informed: pd.DataFrame, setting_columns: dict) -> list[dict]:
     """Rows (COMPARED): informed minus plain, paired by seed, with a 95 % t interval of the mean.
 
-    `plain`, `informed`: rows of `metrics.by_seed` on one test part, with the same seeds; `about`
-    gives dataset, split, budget, widths, plain_setting and informed_setting.
+    `plain`, `informed`: rows of `metrics.by_seed` on one test part, with the same seeds;
+    `setting_columns`: dataset, split, budget, widths, plain_setting and informed_setting.
     """
     keys = ["target", "metric", "seed"]
     pairs = plain.merge(informed, on=keys, suffixes=("_plain", "_informed"), validate="1:1")
     if not len(pairs) == len(plain) == len(informed):
         raise ValueError("plain and informed differ in their seeds, targets or metrics")
-    found = []
-    for (target, metric), one in pairs.groupby(["target", "metric"], sort=False):
-        difference = (one["value_informed"] - one["value_plain"]).to_numpy()
+    table_rows = []
+    for (target, metric), pair_rows in pairs.groupby(["target", "metric"], sort=False):
+        difference = (pair_rows["value_informed"] - pair_rows["value_plain"]).to_numpy()
         low, high = interval_of_seeds(difference)
-        found.append(
+        table_rows.append(
             {
-                **about,
+                **setting_columns,
                 "target": target,
                 "metric": metric,
                 "unit": unit(metric, target),
-                "plain": one["value_plain"].mean(),
-                "informed": one["value_informed"].mean(),
+                "plain": pair_rows["value_plain"].mean(),
+                "informed": pair_rows["value_informed"].mean(),
                 "difference": difference.mean(),
                 "low": low,
                 "high": high,
-                "seeds": len(one),
-                "verdict": verdict(metric, low, high, len(one)),
+                "seeds": len(pair_rows),
+                "verdict": verdict(metric, low, high, len(pair_rows)),
             }
         )
-    return found
+    return table_rows
 
 
 def verdict(metric: str, low: float, high: float, seeds: int) -> str:
-    """What an interval of differences says of the latent loss, in plain words."""
+    """The effect of the latent loss in words, from an interval of differences."""
     if not np.isfinite([low, high]).all():
         return f"cannot be told from {seeds} seed{'s' * (seeds > 1)}"
     if low <= 0 <= high:
@@ -176,7 +182,7 @@ def write(
 
 
 def to_markdown(varied: pd.DataFrame, compared: pd.DataFrame) -> str:
-    """A section for each data set and split; a line a value, and a line a difference."""
+    """A section for each data set and split, with one line for each value or difference."""
     lines = [
         "# Ablation",
         "",
@@ -197,8 +203,8 @@ def to_markdown(varied: pd.DataFrame, compared: pd.DataFrame) -> str:
             _line("varied", "value", *(f"{SHOWN[metric]} {target}" for target, metric in columns)),
             _line(*["---"] * (len(columns) + 2)),
         ]
-        for (study, value), one in group.groupby(["study", "value"], sort=False):
-            cell = one.set_index(["target", "metric"])
+        for (study, value), value_rows in group.groupby(["study", "value"], sort=False):
+            cell = value_rows.set_index(["target", "metric"])
             lines.append(_line(study, value, *(_cell(cell.loc[c], "mean", ".3f") for c in columns)))
     shown = compared[compared["metric"].isin(SHOWN)]
     if len(shown):
@@ -206,13 +212,13 @@ def to_markdown(varied: pd.DataFrame, compared: pd.DataFrame) -> str:
     for (dataset, split, budget, widths), group in shown.groupby(
         ["dataset", "split", "budget", "widths"], sort=False
     ):
-        first = group.iloc[0]
+        setting_row = group.iloc[0]
         lines += [
             "",
             f"### {dataset} · split by {split} · hidden {widths} · budget {budget}",
             "",
-            f"Tuned on the validation part: {PLAIN} {first['plain_setting']}, "
-            f"{INFORMED} {first['informed_setting']}.",
+            f"Tuned on the validation part: {PLAIN} {setting_row['plain_setting']}, "
+            f"{INFORMED} {setting_row['informed_setting']}.",
             "",
             _line("", PLAIN, INFORMED, "difference", "the latent loss"),
             _line(*["---"] * 5),
@@ -230,14 +236,15 @@ def to_markdown(varied: pd.DataFrame, compared: pd.DataFrame) -> str:
 
 
 def _summary(compared: pd.DataFrame) -> Iterable[str]:
-    """How many lines say what, and how many intervals miss 0 by chance."""
-    told = compared[compared["low"].notna()]
-    helps, harms = ((told["verdict"] == word).sum() for word in ("helps", "harms"))
+    """The number of lines by verdict, and the number of intervals that exclude 0 by chance."""
+    intervals = compared[compared["low"].notna()]
+    count = len(intervals)
+    helps, harms = ((intervals["verdict"] == word).sum() for word in ("helps", "harms"))
     yield (
         f"{PLAIN} and {INFORMED}, tuned in the same grid on the validation part and trained with "
-        f"the same seeds. Of {len(told)} differences with an interval, {helps} say that the latent "
-        f"loss helps, {harms} that it harms, {len(told) - helps - harms} nothing. If it did "
-        f"nothing, about {0.05 * len(told):.1f} would still say something: each interval is one of "
+        f"the same seeds. Of {count} differences with an interval, {helps} say that the latent "
+        f"loss helps, {harms} that it harms, {count - helps - harms} nothing. If it did "
+        f"nothing, about {0.05 * count:.1f} would still say something: each interval is one of "
         "95 %."
     )
 

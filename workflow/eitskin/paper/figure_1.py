@@ -1,4 +1,4 @@
-"""Figure 1: a frame, what a press changes in it, and the conductivity reconstructed from that."""
+"""Figure 1: a frame, its changes by a press, and the conductivity reconstructed from them."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,8 +17,8 @@ from eitskin.data.recording import Recording, presses
 from eitskin.errors import InputError
 from eitskin.plotting import CENTRED, CULPRIT, DIVERGING, SEQUENTIAL, style
 
-SHOWN = 4  # frames of the press
-ACROSS = 48  # pixels over the disc
+SHOWN = 4  # frames of the press: as many images fit the column
+ACROSS = 48  # pixels over the disc: finer than the resolution of 16 electrodes
 MILLI = 1e3
 
 
@@ -45,11 +45,11 @@ class Press:
 
 
 def press(recording: Recording, name: str) -> Press:
-    """The press to be shown: of those nearest to half the skin's radius the first of the most
-    frames; SHOWN of them, evenly.
+    """The press that is drawn: the longest of those nearest to half the skin's radius, with SHOWN
+    frames, evenly spaced.
 
-    The strength of the prior is chosen on all its frames. Raises InputError where the recording has
-    no absolute readings, angles, radius or touch.
+    The strength of the prior is chosen on all its frames. Raises InputError for a recording without
+    absolute readings, angles, radius or touch.
     """
     skin, metadata = recording.skin, recording.metadata
     for key in ("radius_mm", "electrode_deg"):
@@ -57,58 +57,62 @@ def press(recording: Recording, name: str) -> Press:
             raise InputError(name, f"skin.{key}", "null", "a value, to draw the skin")
     assert skin.radius_mm is not None
     if recording.voltage is None or metadata["values"] != "absolute":
-        found = "a query" if recording.voltage is None else "differences"
-        raise InputError(name, "voltage_V", found, "absolute readings")
+        content = "a query" if recording.voltage is None else "differences"
+        raise InputError(name, "voltage_V", content, "absolute readings")
     label = presses(recording)
     position = recording.frames["x_mm"].to_numpy() + 1j * recording.frames["y_mm"].to_numpy()
     touched = np.flatnonzero((label >= 0) & np.isfinite(position))
     if not len(touched):
         raise InputError(name, "column touch", "no touch at a known place", "at least one")
-    off = np.abs(np.abs(position[touched]) / skin.radius_mm - 0.5)
-    near = touched[off <= off.min() + 1e-9]
-    longest = np.bincount(label[near]).argmax()
-    rows = near[label[near] == longest]
+    radius_deviation = np.abs(np.abs(position[touched]) / skin.radius_mm - 0.5)
+    nearest_frames = touched[radius_deviation <= radius_deviation.min() + 1e-9]
+    longest = np.bincount(label[nearest_frames]).argmax()
+    rows = nearest_frames[label[nearest_frames] == longest]
 
     electrode_deg = np.array(skin.electrode_deg)
     ideal = alignment.homogeneous_readings(recording.channels, electrode_deg)
-    free = recording.voltage[~recording.frames["touch"].to_numpy(bool)]
+    untouched_frames = recording.voltage[~recording.frames["touch"].to_numpy(bool)]
     change = baseline.changes(recording, name)[rows]
-    known = np.isfinite(ideal) & np.isfinite(change).all(axis=0) & np.isfinite(free).any(axis=0)
+    measured = (
+        np.isfinite(ideal)
+        & np.isfinite(change).all(axis=0)
+        & np.isfinite(untouched_frames).any(axis=0)
+    )
     sign = np.sign(ideal) if metadata["voltage"] == "magnitude" else np.ones(len(ideal))
-    still = np.nanmean(np.where(known, free, 0.0), axis=0)
-    ideal, signed = ideal[known], (sign * still)[known]
+    untouched = np.nanmean(np.where(measured, untouched_frames, 0.0), axis=0)
+    ideal, signed = ideal[measured], (sign * untouched)[measured]
     scale = (ideal @ signed) / (ideal @ ideal)
     places = reconstruct.pixels(ACROSS)
-    jacobian = reconstruct.jacobian(recording.channels[known], electrode_deg, places, ACROSS)
-    relative = (sign * change)[:, known] / scale
+    jacobian = reconstruct.jacobian(recording.channels[measured], electrode_deg, places, ACROSS)
+    relative = (sign * change)[:, measured] / scale
     strength = reconstruct.strength(jacobian, relative)
     images = relative @ reconstruct.noser(jacobian, strength).T
     projected = alignment.back_projection(jacobian.T, relative).T
-    shown = np.linspace(0, len(rows) - 1, min(SHOWN, len(rows))).round().astype(int)
+    drawn_frames = np.linspace(0, len(rows) - 1, min(SHOWN, len(rows))).round().astype(int)
     return Press(
-        frame=recording.frames["frame"].to_numpy()[rows[shown]],
-        force_N=recording.frames["force_N"].to_numpy()[rows[shown]],
+        frame=recording.frames["frame"].to_numpy()[rows[drawn_frames]],
+        force_N=recording.frames["force_N"].to_numpy()[rows[drawn_frames]],
         place=complex(position[rows[0]]),
         radius_mm=float(skin.radius_mm),
         electrode_deg=electrode_deg,
         unit=metadata["unit"],
-        untouched=np.where(known, still, np.nan),
-        change=np.where(known, change[shown], np.nan),
+        untouched=np.where(measured, untouched, np.nan),
+        change=np.where(measured, change[drawn_frames], np.nan),
         places=places,
-        noser=images[shown],
-        projected=projected[shown] / np.abs(projected[shown]).max(),
+        noser=images[drawn_frames],
+        projected=projected[drawn_frames] / np.abs(projected[drawn_frames]).max(),
         strength=strength,
     )
 
 
 def table(press: Press) -> pd.DataFrame:
-    """What is drawn: panel, frame, force_N, channel or x_mm and y_mm, value, unit."""
+    """The numbers of the figure: panel, frame, force_N, channel or x_mm and y_mm, value, unit."""
     parts = [_channels("untouched frame", -1, 0.0, press.untouched, press.unit)]
-    at = press.radius_mm * press.places
+    place_mm = press.radius_mm * press.places
     for k, (frame, force) in enumerate(zip(press.frame, press.force_N, strict=True)):
         parts.append(_channels("change", frame, force, press.change[k], press.unit))
         for panel, image in (("noser", press.noser), ("back-projection", press.projected)):
-            columns = {"x_mm": at.real, "y_mm": at.imag, "value": image[k], "unit": "1"}
+            columns = {"x_mm": place_mm.real, "y_mm": place_mm.imag, "value": image[k], "unit": "1"}
             parts.append(
                 pd.DataFrame({"panel": panel, "frame": frame, "force_N": force, **columns})
             )
@@ -121,7 +125,7 @@ def _channels(panel: str, frame: int, force: float, value: np.ndarray, unit: str
 
 
 def draw(press: Press) -> Figure:
-    """Frame, changes, and two rows of images, one column a force."""
+    """Frame, changes, and two rows of images, one column for each force."""
     factor, unit = (MILLI, "mV") if press.unit == "V" else (1.0, press.unit)
     count = len(press.frame)
     colours = matplotlib.colormaps[SEQUENTIAL](np.linspace(0.85, 0.0, count))
@@ -159,11 +163,11 @@ def draw(press: Press) -> Figure:
         ):
             limit = float(np.abs(images).max())
             for axes, image, label in zip(row, images, labels, strict=True):
-                drawn = _draw_image(axes, press, image, limit)
+                mesh = _draw_image(axes, press, image, limit)
                 if images is press.noser:
                     axes.set_title(label)
             row[0].text(-1.22 * press.radius_mm, 0.0, name, rotation=90, **CENTRED)
-            legend = lower.colorbar(drawn, ax=list(row), aspect=11, pad=0.02)
+            legend = lower.colorbar(mesh, ax=list(row), aspect=11, pad=0.02)
             legend.set_label(bar)
             legend.outline.set_linewidth(0.4)
     return figure
@@ -176,7 +180,7 @@ def _draw_image(axes: Axes, press: Press, image: np.ndarray, limit: float) -> Qu
     row = ((press.places.imag + 1.0) / step).astype(int)
     grid[row, column] = image
     edge = press.radius_mm * np.linspace(-1.0, 1.0, ACROSS + 1)
-    drawn = axes.pcolormesh(
+    mesh = axes.pcolormesh(
         edge,
         edge,
         np.ma.masked_invalid(grid),
@@ -188,10 +192,10 @@ def _draw_image(axes: Axes, press: Press, image: np.ndarray, limit: float) -> Qu
     axes.plot(press.place.real, press.place.imag, "+", color=CULPRIT, markersize=5, mew=0.9)
     plotting.leave_room(axes, press.radius_mm)
     axes.set_axis_off()
-    return drawn
+    return mesh
 
 
 def write(recording: Recording, name: str, vector: Path, image: Path, csv: Path) -> None:
     """Figure 1 of a recording; raises InputError as `press` does."""
-    shown = press(recording, name)
-    figure_files.write(draw(shown), table(shown), vector, image, csv)
+    shown_press = press(recording, name)
+    figure_files.write(draw(shown_press), table(shown_press), vector, image, csv)

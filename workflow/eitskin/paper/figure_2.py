@@ -1,8 +1,8 @@
-"""Figure 2: the pipeline, drawn from the workflow: Snakemake's own graph of its rules, each rule in
-the stage that its file is named after.
+"""Figure 2: the pipeline, drawn from Snakemake's graph of the workflow's rules, each rule in the
+stage named after its file.
 
-Stages stand in columns by how much has to be done before them; what passes a column by has a lane
-of its own there. An arrow that follows from others is left out of the drawing, not of the table.
+Stages are in columns by the longest way to them; an arrow across a column has a lane there. Arrows
+implied by others are left out of the drawing but not of the table.
 """
 
 import re
@@ -29,54 +29,56 @@ from eitskin.plotting import AFTER, CENTRED, QUIET, style
 NODE = re.compile(r'^\s*(\d+)\[label = "([^"\\]+)')
 EDGE = re.compile(r"^\s*(\d+) -> (\d+)")
 RULE = re.compile(r"^(?:rule|checkpoint) (\w+):|^use rule \w+ as (\w+) with:", re.MULTILINE)
-WRAP = 12  # letters of a rule's name before it is broken at an underscore
-BOX, STAGE_GAP, LANE, TITLE = 6.2, 4.0, 2.6, 4.2  # heights in mm
-BETWEEN, PAD = 1.2, 1.2
-GAP = 8.0  # between columns
+WRAP = 12  # letters of a rule's name, before it is wrapped at an underscore: the width of a box
+BOX, STAGE_GAP, LANE, TITLE = 6.2, 4.0, 2.6, 4.2  # heights in mm, for two lines of 6 point
+BETWEEN, PAD = 1.2, 1.2  # mm between boxes, and around them
+GAP = 8.0  # mm between columns, for the arrows' curves
 
 Item = str | tuple[str, int]  # of a column: a stage, or the lane of a rule's arrows
 
 
 @dataclass
 class Rules:
-    """A graph of rules: `edges` (before, after), `stage` of each rule, `repeated` ones, which
-    follow themselves."""
+    """A graph of rules: `edges` (before, after), the `stage` of each rule, and the rules that are
+    `repeated`, following themselves."""
 
     edges: list[tuple[str, str]]
     stage: dict[str, str]
     repeated: set[str] = field(default_factory=set)
 
     def followers(self, rule: str) -> set[str]:
-        """All rules that come after one, directly or not."""
-        found: set[str] = set()
-        waiting = [rule]
-        while waiting:
-            here = waiting.pop()
-            new = {after for before, after in self.edges if before == here} - found
-            found |= new
-            waiting.extend(new)
-        return found
+        """All rules that depend on a rule, directly or not."""
+        reached: set[str] = set()
+        queue = [rule]
+        while queue:
+            current = queue.pop()
+            added = {
+                successor for predecessor, successor in self.edges if predecessor == current
+            } - reached
+            reached |= added
+            queue.extend(added)
+        return reached
 
     def implied(self, edge: tuple[str, str]) -> bool:
-        """Whether an edge follows from others: a longer way leads along it."""
-        before, after = edge
-        others = {b for a, b in self.edges if a == before} - {after}
-        return any(after in self.followers(other) for other in others)
+        """Whether an edge is implied by a longer path."""
+        predecessor, successor = edge
+        siblings = {end for start, end in self.edges if start == predecessor} - {successor}
+        return any(successor in self.followers(sibling) for sibling in siblings)
 
 
-def ask(targets: list[str], configfiles: list[str]) -> str:
+def rule_graph(targets: list[str], configfiles: list[str]) -> str:
     """The workflow's rule graph for `targets` in Graphviz's language, from Snakemake.
 
-    Raises InputError where Snakemake has none to give.
+    Raises InputError where Snakemake fails.
     """
     command = [sys.executable, "-m", "snakemake", "--rulegraph", "dot"]
     if configfiles:
         command += ["--configfile", *configfiles]
-    done = subprocess.run([*command, "--", *targets], capture_output=True, text=True)
-    if done.returncode:
-        lines = [line for line in done.stderr.splitlines() if line.strip()]
+    process = subprocess.run([*command, "--", *targets], capture_output=True, text=True)
+    if process.returncode:
+        lines = [line for line in process.stderr.splitlines() if line.strip()]
         raise InputError("Snakefile", "rule graph", lines[-1] if lines else "nothing", "a graph")
-    return done.stdout
+    return process.stdout
 
 
 def stages(files: Iterable[str | Path]) -> dict[str, str]:
@@ -89,10 +91,10 @@ def stages(files: Iterable[str | Path]) -> dict[str, str]:
 
 
 def parse(dot: str, stage: dict[str, str]) -> Rules:
-    """The rules that have a stage, and what must be done before what; raises InputError for a graph
-    without any."""
-    names = {found[1]: found[2] for found in map(NODE.match, dot.splitlines()) if found}
-    pairs = [(f[1], f[2]) for f in map(EDGE.match, dot.splitlines()) if f]
+    """The rules that have a stage, and their order; raises InputError for a graph without edges
+    between them."""
+    names = {node[1]: node[2] for node in map(NODE.match, dot.splitlines()) if node}
+    pairs = [(edge[1], edge[2]) for edge in map(EDGE.match, dot.splitlines()) if edge]
     edges = sorted({(names[a], names[b]) for a, b in pairs})
     edges = [(a, b) for a, b in edges if a in stage and b in stage]
     if not edges:
@@ -106,8 +108,8 @@ def parse(dot: str, stage: dict[str, str]) -> Rules:
 
 
 def columns(rules: Rules) -> dict[str, int]:
-    """The column of each stage: the longest way to it from a stage that needs nothing. Stages that
-    need one another share a column."""
+    """The column of each stage: the longest way to it from a stage without inputs. The stages of a
+    cycle share a column."""
     names = list(dict.fromkeys(rules.stage.values()))
     needs = {(rules.stage[a], rules.stage[b]) for a, b in rules.edges}
     pairs = [(names.index(a), names.index(b)) for a, b in needs if a != b]
@@ -123,7 +125,7 @@ def columns(rules: Rules) -> dict[str, int]:
 
 
 def table(rules: Rules) -> pd.DataFrame:
-    """before, after, their stages, and whether the arrow is drawn or follows from others."""
+    """before, after, their stages, and whether the arrow is drawn or implied by others."""
     return pd.DataFrame(
         [
             {
@@ -139,7 +141,7 @@ def table(rules: Rules) -> pd.DataFrame:
 
 
 class Layout:
-    """Where everything stands, mm from the left and from the top: `box` (x, y of the centre) of
+    """The positions of all items, mm from the left and from the top: `box` (x, y of the centre) of
     each rule, `frame` (x, y, width, height; y the upper edge) of each stage, `lane` y by (rule,
     column), and the `width` of a box."""
 
@@ -150,11 +152,15 @@ class Layout:
         self.count = max(self.column.values()) + 1
         self.width = (plotting.FULL_MM - 2.0 - GAP * (self.count - 1)) / self.count - 2 * PAD
         self.members = {stage: self._in_order(stage) for stage in self.column}
-        self.lanes = {(a, c) for a, b in self.drawn for c in range(self._of(a) + 1, self._of(b))}
+        self.lanes = {
+            (a, column)
+            for a, b in self.drawn
+            for column in range(self._column_of(a) + 1, self._column_of(b))
+        }
         self.items: list[list[Item]] = [
-            [stage for stage, at in self.column.items() if at == c]
-            + sorted(lane for lane in self.lanes if lane[1] == c)
-            for c in range(self.count)
+            [stage for stage, stage_column in self.column.items() if stage_column == column]
+            + sorted(lane for lane in self.lanes if lane[1] == column)
+            for column in range(self.count)
         ]
         self.middle: dict = {}
         self._stack()
@@ -162,12 +168,15 @@ class Layout:
             for forward in (True, False):
                 self._sort(forward)
 
-    def _of(self, rule: str) -> int:
+    def _column_of(self, rule: str) -> int:
         return self.column[self.rules.stage[rule]]
 
     def _in_order(self, stage: str) -> list[str]:
-        own = [rule for rule in self.rules.stage if self.rules.stage[rule] == stage]
-        return sorted(own, key=lambda rule: sum(rule in self.rules.followers(o) for o in own))
+        members = [rule for rule in self.rules.stage if self.rules.stage[rule] == stage]
+        return sorted(
+            members,
+            key=lambda rule: sum(rule in self.rules.followers(member) for member in members),
+        )
 
     def _height(self, item: Item) -> float:
         if isinstance(item, tuple):
@@ -176,19 +185,19 @@ class Layout:
         return TITLE + count * BOX + (count - 1) * BETWEEN + PAD
 
     def _stack(self) -> None:
-        """Places of all items, each column from the top of its own order, in the middle."""
+        """Set the positions of all items: each column in its order from the top, centred."""
         heights = [
             sum(map(self._height, items)) + sum(map(_gap, items, items[1:])) for items in self.items
         ]
         self.height = max(heights)
         for items, height in zip(self.items, heights, strict=True):
             y = 0.5 * (self.height - height)
-            for item, after in zip(items, [*items[1:], items[-1]], strict=True):
+            for item, next_item in zip(items, [*items[1:], items[-1]], strict=True):
                 self.middle[item] = y + 0.5 * self._height(item)
-                y += self._height(item) + _gap(item, after)
+                y += self._height(item) + _gap(item, next_item)
         self.frame, self.box, self.lane = {}, {}, {}
-        for c, items in enumerate(self.items):
-            x = 1.0 + c * (self.width + 2 * PAD + GAP)
+        for column, items in enumerate(self.items):
+            x = 1.0 + column * (self.width + 2 * PAD + GAP)
             for item in items:
                 top = self.middle[item] - 0.5 * self._height(item)
                 if isinstance(item, tuple):
@@ -199,42 +208,44 @@ class Layout:
                     y = top + TITLE + k * (BOX + BETWEEN) + 0.5 * BOX
                     self.box[rule] = (x + PAD + 0.5 * self.width, y)
 
-    def way(self, edge: tuple[str, str]) -> list[tuple[float, float]]:
-        """Points that an arrow between columns passes, from right edge to left edge."""
+    def waypoints(self, edge: tuple[str, str]) -> list[tuple[float, float]]:
+        """The points of an arrow between columns, from right edge to left edge."""
         a, b = edge
         (xa, ya), (xb, yb) = self.box[a], self.box[b]
         points = [(xa + 0.5 * self.width, ya)]
-        for c in range(self._of(a) + 1, self._of(b)):
-            x = 1.0 + c * (self.width + 2 * PAD + GAP)
-            y = self.lane[a, c]
+        for column in range(self._column_of(a) + 1, self._column_of(b)):
+            x = 1.0 + column * (self.width + 2 * PAD + GAP)
+            y = self.lane[a, column]
             points += [(x, y), (x + self.width + 2 * PAD, y)]
         return [*points, (xb - 0.5 * self.width, yb)]
 
     def _sort(self, forward: bool) -> None:
-        """Order each column by the mean height of what its items hang on, before or after."""
-        wanted: dict = {}
+        """Order each column by the mean height of the neighbours of its items, before or after."""
+        mean_heights: dict = {}
         for a, b in self.drawn:
-            if self._of(a) == self._of(b):
+            if self._column_of(a) == self._column_of(b):
                 continue
             chain: list[Item] = [self.rules.stage[a]]
-            chain += [(a, c) for c in range(self._of(a) + 1, self._of(b))]
+            chain += [(a, c) for c in range(self._column_of(a) + 1, self._column_of(b))]
             chain += [self.rules.stage[b]]
-            ways = self.way((a, b))
-            for k, (first, second) in enumerate(pairwise(chain)):
-                here, there = (second, ways[2 * k]) if forward else (first, ways[2 * k + 1])
-                wanted.setdefault(here, []).append(there[1])
+            ways = self.waypoints((a, b))
+            for k, (item_before, item_after) in enumerate(pairwise(chain)):
+                item, point = (
+                    (item_after, ways[2 * k]) if forward else (item_before, ways[2 * k + 1])
+                )
+                mean_heights.setdefault(item, []).append(point[1])
         for items in self.items:
-            items.sort(key=lambda item: float(np.mean(wanted.get(item, self.middle[item]))))
+            items.sort(key=lambda item: float(np.mean(mean_heights.get(item, self.middle[item]))))
         self._stack()
 
 
-def _gap(item: Item, after: Item) -> float:
-    """Between two items of a column; lanes may lie close."""
-    return 0.0 if isinstance(item, tuple) and isinstance(after, tuple) else STAGE_GAP
+def _gap(item: Item, next_item: Item) -> float:
+    """The gap between two items of a column; lanes are adjacent."""
+    return 0.0 if isinstance(item, tuple) and isinstance(next_item, tuple) else STAGE_GAP
 
 
 def draw(rules: Rules) -> Figure:
-    """Stages as columns from left to right, rules as boxes, what needs what as arrows."""
+    """Stages as columns from left to right, rules as boxes, dependencies as arrows."""
     layout = Layout(rules)
     with style():
         figure = plotting.sheet(plotting.FULL_MM, layout.height + 4.0)
@@ -277,18 +288,18 @@ def draw(rules: Rules) -> Figure:
                 zorder=3,
             )
             axes.add_patch(shape)
-            label = _broken(rule) + (" ↻" if rule in rules.repeated else "")
+            label = _wrapped(rule) + (" ↻" if rule in rules.repeated else "")
             axes.text(x, y, label, fontsize=6, zorder=4, linespacing=1.0, **CENTRED)
     return figure
 
 
-def _broken(rule: str) -> str:
-    """The name, on two lines where it is long, broken at the underscore nearest to its middle."""
-    at = [k for k, letter in enumerate(rule) if letter == "_"]
-    if len(rule) <= WRAP or not at:
+def _wrapped(rule: str) -> str:
+    """The name, wrapped at the underscore nearest to its middle where it is long."""
+    underscores = [cut for cut, letter in enumerate(rule) if letter == "_"]
+    if len(rule) <= WRAP or not underscores:
         return rule
-    k = min(at, key=lambda k: abs(k - len(rule) / 2)) + 1
-    return f"{rule[:k]}\n{rule[k:]}"
+    cut = min(underscores, key=lambda cut: abs(cut - len(rule) / 2)) + 1
+    return f"{rule[:cut]}\n{rule[cut:]}"
 
 
 def _draw_arrow(axes: Axes, layout: Layout, edge: tuple[str, str]) -> None:
@@ -297,8 +308,8 @@ def _draw_arrow(axes: Axes, layout: Layout, edge: tuple[str, str]) -> None:
     line = {"color": QUIET, "linewidth": 0.7, "shrinkA": 0, "shrinkB": 0, "arrowstyle": "-|>"}
     line |= {"mutation_scale": 5, "zorder": 2}
     if xa == xb:
-        near = abs(yb - ya) <= BOX + BETWEEN + 1e-6
-        if near:
+        is_adjacent = abs(yb - ya) <= BOX + BETWEEN + 1e-6
+        if is_adjacent:
             down = np.sign(yb - ya)
             ends = (xb, yb - down * 0.5 * BOX), (xa, ya + down * 0.5 * BOX)
             axes.annotate("", *ends, arrowprops=line)
@@ -307,7 +318,7 @@ def _draw_arrow(axes: Axes, layout: Layout, edge: tuple[str, str]) -> None:
             bend = {"connectionstyle": f"arc3,rad={np.sign(yb - ya) * 0.25}"}
             axes.annotate("", (xb - side, yb), (xa - side, ya), arrowprops=line | bend)
         return
-    points = layout.way(edge)
+    points = layout.waypoints(edge)
     vertices, codes = [points[0]], [Curve.MOVETO]
     for k, (start, end) in enumerate(pairwise(points)):
         if k % 2:
@@ -333,5 +344,5 @@ def write(
 ) -> None:
     """Figure 2 of the rules, defined in `files`, that make `targets`; raises InputError as
     `parse`."""
-    rules = parse(ask(targets, configfiles), stages(files))
+    rules = parse(rule_graph(targets, configfiles), stages(files))
     figure_files.write(draw(rules), table(rules), vector, image, csv)

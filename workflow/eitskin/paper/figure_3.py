@@ -1,4 +1,4 @@
-"""Figure 3: how far each channel's change goes along with x, y and the force."""
+"""Figure 3: the correlation of each channel's change with x, y and the force."""
 
 from pathlib import Path
 
@@ -13,16 +13,16 @@ from eitskin.errors import InputError
 from eitskin.physics.geometry import even_angles
 from eitskin.plotting import AFTER, BEFORE, QUIET, style
 
-LEVEL = 1.96  # standard errors of a correlation of nothing, 1 / √N each
+LEVEL = 1.96  # standard errors, 1 / √N each, of the correlation of independent variables: 95 %
 
 
 def correlations(dataset: Dataset) -> pd.DataFrame:
     """Pearson's r of each channel's change with each target: dataset, origin, target, channel, r,
     mean_abs_r (over the target's channels) and samples.
 
-    Of signed readings the change of the magnitude is taken, so that r means the same beside a
-    recording of magnitudes; signs are those of a homogeneous disc with even electrodes. NaN for a
-    channel that never changes.
+    For signed readings it is that of the change of the magnitude, comparable with a recording of
+    magnitudes; signs are those of a homogeneous disc with evenly spaced electrodes. NaN for a
+    constant channel.
     """
     metadata = dataset.metadata
     change = dataset.delta_V.astype(float)
@@ -55,7 +55,7 @@ def correlations(dataset: Dataset) -> pd.DataFrame:
 
 
 def draw(recorded: pd.DataFrame, simulated: pd.DataFrame) -> Figure:
-    """A row a target, the recording on the left and the simulation on the right."""
+    """One row for each target, the recording on the left and the simulation on the right."""
     columns = ((recorded, BEFORE), (simulated, AFTER))
     targets = [target for target in TARGETS if (simulated["target"] == target).any()]
     with style():
@@ -63,15 +63,17 @@ def draw(recorded: pd.DataFrame, simulated: pd.DataFrame) -> Figure:
         grid = figure.subplots(len(targets), 2, sharex="col", sharey=True, squeeze=False)
         for row, target in zip(grid, targets, strict=True):
             for axes, (table, colour) in zip(row, columns, strict=True):
-                one = table[table["target"] == target]
-                if one.empty:
+                target_rows = table[table["target"] == target]
+                if target_rows.empty:
                     axes.text(0.5, 0.5, "not known", transform=axes.transAxes, ha="center")
                     continue
-                chance = LEVEL / np.sqrt(one["samples"].iloc[0])
+                chance = LEVEL / np.sqrt(target_rows["samples"].iloc[0])
                 axes.axhspan(-chance, chance, color=QUIET, alpha=0.35, linewidth=0.3)
-                axes.plot(one["channel"], one["r"], color=colour, linewidth=0.6)
-                axes.set_title(f"mean |r| {one['mean_abs_r'].iloc[0]:.2f}", loc="right", pad=2)
-                axes.set_xlim(0, one["channel"].max())
+                axes.plot(target_rows["channel"], target_rows["r"], color=colour, linewidth=0.6)
+                axes.set_title(
+                    f"mean |r| {target_rows['mean_abs_r'].iloc[0]:.2f}", loc="right", pad=2
+                )
+                axes.set_xlim(0, target_rows["channel"].max())
             row[0].set_ylabel(f"r with {target}")
         largest = 1.05 * max(float(table["r"].abs().max()) for table, _ in columns)
         grid[0, 0].set_ylim(-largest, largest)
@@ -93,11 +95,11 @@ def draw(recorded: pd.DataFrame, simulated: pd.DataFrame) -> Figure:
 
 
 def write(recorded: Dataset, simulated: Dataset, vector: Path, image: Path, csv: Path) -> None:
-    """Figure 3 of a recording's touches and a simulated set; InputError where they share no
+    """Figure 3 of a recording's touches and a simulated set; raises InputError where they share no
     target."""
-    left, right = correlations(recorded), correlations(simulated)
-    if not set(left["target"]) & set(right["target"]):
-        found = ", ".join(recorded.metadata["targets"])
-        raise InputError(recorded.metadata["name"], "targets", found, "one of x, y, F")
-    table = pd.concat([left, right], ignore_index=True)
-    figure_files.write(draw(left, right), table, vector, image, csv)
+    recorded_rows, simulated_rows = correlations(recorded), correlations(simulated)
+    if not set(recorded_rows["target"]) & set(simulated_rows["target"]):
+        target_names = ", ".join(recorded.metadata["targets"])
+        raise InputError(recorded.metadata["name"], "targets", target_names, "one of x, y, F")
+    table = pd.concat([recorded_rows, simulated_rows], ignore_index=True)
+    figure_files.write(draw(recorded_rows, simulated_rows), table, vector, image, csv)

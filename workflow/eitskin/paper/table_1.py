@@ -9,11 +9,15 @@ import pandas as pd
 from eitskin.atomic import atomic_path
 from eitskin.data.dataset import TARGETS
 from eitskin.errors import InputError
-from eitskin.learn.metrics import COLUMNS, ENSEMBLE, LEAST_SEEDS, METRICS, interval
+from eitskin.learn.metrics import COLUMNS, ENSEMBLE, METRICS, MIN_SEEDS, interval
 from eitskin.learn.models import PHYSICS_INFORMED
 
-KEPT = ("origin", "each")  # of the metrics' columns, for the Markdown alone
-TABLE = (*(column for column in COLUMNS if column not in (*KEPT, "ensemble")), "limit", "paper")
+MARKDOWN_ONLY = ("origin", "each")  # of the metrics' columns, for the Markdown alone
+TABLE = (
+    *(column for column in COLUMNS if column not in (*MARKDOWN_ONLY, "ensemble")),
+    "limit",
+    "paper",
+)
 GROUP = ["configuration", "recording", "origin", "split", "budget"]
 SYMBOLS = {"r2": "R²", "mae": "MAE"}  # what the Markdown table shows, as the paper's does
 
@@ -29,15 +33,14 @@ def collect(
     repeated: Sequence[str],
     limits: Sequence[str | Path] = (),
 ) -> pd.DataFrame:
-    """Rows (TABLE and KEPT) of the metrics files and of ensembles, in a fixed order; raises
-    InputError.
+    """Rows (TABLE and MARKDOWN_ONLY) of the metrics files and of ensembles, in a fixed order;
+    raises InputError without files, or for other columns.
 
-    `paper`, from the file `published`, is filled where the row repeats the paper's experiment:
-    simulated by one of the configurations `repeated` (of `rows.repeated`), split by random frame
-    (a place or session split makes another experiment). Its real recording was never published,
-    so that no recording has a number of the paper's. `limit`, from files of
-    `limit.score`: what an estimator that knows the distributions alone can reach, where that was
-    computed.
+    `paper`, from the file `published`, is filled where the row repeats the paper's experiment: a
+    configuration of `repeated` (of `rows.repeated`), split by random frame (a place or session
+    split is another experiment). The paper's recording was never published, so that recordings have
+    no such number. `limit`, from files of `limit.score`: the error of the posterior mean under the
+    set's distributions, where it was computed.
     """
     if not paths:
         raise InputError("table_1", "metrics files", "none", "at least one")
@@ -57,31 +60,35 @@ def collect(
         validate="many_to_one",
     )
     numbers = paper(published)
-    beside = numbers[numbers["recording"] == "simulated"].rename(columns={"value": "paper"})
-    own = pd.DataFrame({"configuration": list(repeated)}, dtype=str)
-    beside = beside.assign(split="random").merge(own, "cross")
+    printed = numbers[numbers["recording"] == "simulated"].rename(columns={"value": "paper"})
+    configurations = pd.DataFrame({"configuration": list(repeated)}, dtype=str)
+    printed = printed.assign(split="random").merge(configurations, "cross")
     keys = ["configuration", "recording", "split", "model", "target", "metric"]
-    rows = rows.merge(beside, on=keys, how="left", validate="many_to_one")
+    rows = rows.merge(printed, on=keys, how="left", validate="many_to_one")
     order = {
         "split": ["random", "place", "session", "continuous"],
         "model": [m + end for m in dict.fromkeys(numbers["model"]) for end in ("", ENSEMBLE)],
         "target": list(TARGETS),
         "metric": list(METRICS),
     }
-    by = ["configuration", "recording", "split", "budget", "model", "target", "metric"]
+    sort_columns = ["configuration", "recording", "split", "budget", "model", "target", "metric"]
 
     def rank(column: pd.Series) -> pd.Series:
-        known = order.get(column.name, [])
-        return column.map(lambda v: f"{known.index(v):03d}" if v in known else f"~{v}")
+        names = order.get(column.name, [])
+        return column.map(
+            lambda value: f"{names.index(value):03d}" if value in names else f"~{value}"
+        )
 
-    return rows.sort_values(by, key=rank, ignore_index=True)[[*TABLE, *KEPT]]
+    return rows.sort_values(sort_columns, key=rank, ignore_index=True)[[*TABLE, *MARKDOWN_ONLY]]
 
 
 def _with_ensemble(table: pd.DataFrame) -> pd.DataFrame:
-    """Rows of a metrics file and, where there are several seeds, those of their ensemble."""
-    several = table[(table["seeds"] > 1) & table["ensemble"].notna()]
-    own = {"model": several["model"] + ENSEMBLE, "mean": several["ensemble"]}
-    return pd.concat([table, several.assign(**own, low=float("nan"), high=float("nan"), each="")])
+    """Rows of a metrics file and, for several seeds, of their ensemble."""
+    seeded = table[(table["seeds"] > 1) & table["ensemble"].notna()]
+    ensemble_columns = {"model": seeded["model"] + ENSEMBLE, "mean": seeded["ensemble"]}
+    return pd.concat(
+        [table, seeded.assign(**ensemble_columns, low=float("nan"), high=float("nan"), each="")]
+    )
 
 
 def _limits(paths: Sequence[str | Path], estimate: str) -> pd.DataFrame:
@@ -102,23 +109,22 @@ def write(
     csv: str | Path,
     markdown: str | Path,
 ) -> None:
-    """Collect metrics files into `csv` (columns TABLE) and a `markdown` table for reading; the
-    paper's numbers are those of `published`, beside configurations `repeated`, the limits those of
-    files of `limit.score`.
+    """Write the rows of `collect` to `csv` (columns TABLE) and as a `markdown` table, which has the
+    limit with skin and gains known as well.
     """
     rows = collect(paths, published, repeated, limits)
     with atomic_path(csv) as temporary:
         rows[list(TABLE)].to_csv(temporary, index=False, float_format="%.6g")
     with atomic_path(markdown) as temporary:
-        known = _limits(limits, "limit_known")
-        temporary.write_text(to_markdown(rows, known), encoding="utf-8")
+        known_limits = _limits(limits, "limit_known")
+        temporary.write_text(to_markdown(rows, known_limits), encoding="utf-8")
 
 
-def to_markdown(rows: pd.DataFrame, known: pd.DataFrame) -> str:
-    """A section for each dataset, split and budget; a line a model; mean [low, high] (paper), or in
-    place of the interval each seed's value, where there is none.
+def to_markdown(rows: pd.DataFrame, known_limits: pd.DataFrame) -> str:
+    """A section for each dataset, split and budget, with one line for each model: mean [low, high]
+    (paper), or every seed's value in place of an interval.
 
-    Where there is a limit, a line of it and one of `known`, that with skin and gains known.
+    Where there is a limit, one line of it and one of `known_limits`, with skin and gains known.
     """
     lines = [
         "# Table I",
@@ -154,39 +160,44 @@ def to_markdown(rows: pd.DataFrame, known: pd.DataFrame) -> str:
         for model, cells in group.groupby("model", sort=False):
             cell = cells.set_index(["target", "metric"])
             lines.append(f"| {model} | " + " | ".join(_cell(cell.loc[c]) for c in columns) + " |")
-        for model, difference in _of_the_latent_loss(group).items():
+        for model, difference in _latent_loss_differences(group).items():
             cells = " | ".join(_signed(*difference[column]) for column in columns)
             lines.append(f"| {model} | {cells} |")
         if group["limit"].notna().all():
-            own = known[(known["configuration"] == configuration) & (known["split"] == split)]
+            known_rows = known_limits[
+                (known_limits["configuration"] == configuration) & (known_limits["split"] == split)
+            ]
             for name, values in (
                 ("limit", cell["limit"]),
-                ("limit, skin and gains known", own.set_index(["target", "metric"])["value"]),
+                (
+                    "limit, skin and gains known",
+                    known_rows.set_index(["target", "metric"])["value"],
+                ),
             ):
                 cells = " | ".join(f"{values[c]:.3f}" for c in columns)
                 lines.append(f"| {name} | {cells} |")
     return "\n".join(lines) + "\n"
 
 
-def _of_the_latent_loss(group: pd.DataFrame) -> dict[str, dict[tuple[str, str], np.ndarray]]:
-    """By the names of two models, and target and metric: what a physics-informed model has more
-    than the same network without the latent loss, and the ends (3,) of its interval over seeds,
-    where both have LEAST_SEEDS and as many."""
-    each = {
-        (row.model, row.target, row.metric): np.array([float(one) for one in row.each.split(";")])
+def _latent_loss_differences(group: pd.DataFrame) -> dict[str, dict[tuple[str, str], np.ndarray]]:
+    """By names of two models, and target and metric: the difference of a physics-informed model and
+    the same network without the latent loss, with the ends of its interval over seeds (3,), where
+    both have the same number of seeds, at least MIN_SEEDS."""
+    seed_values = {
+        (row.model, row.target, row.metric): np.array([float(text) for text in row.each.split(";")])
         for row in group[group["each"] != ""].itertuples(index=False)
     }
-    found: dict[str, dict[tuple[str, str], np.ndarray]] = {}
-    for (model, *column), values in each.items():
+    differences: dict[str, dict[tuple[str, str], np.ndarray]] = {}
+    for (model, *column), values in seed_values.items():
         plain = model.removeprefix(PHYSICS_INFORMED)
-        of_plain = each.get((plain, *column))
-        if plain == model or of_plain is None or len(values) < LEAST_SEEDS:
+        plain_values = seed_values.get((plain, *column))
+        if plain == model or plain_values is None or len(values) < MIN_SEEDS:
             continue
-        if len(values) == len(of_plain):
-            more = values - of_plain
-            own = found.setdefault(f"{model} minus {plain}", {})
-            own[tuple(column)] = np.array([more.mean(), *interval(more)])
-    return found
+        if len(values) == len(plain_values):
+            difference = values - plain_values
+            model_differences = differences.setdefault(f"{model} minus {plain}", {})
+            model_differences[tuple(column)] = np.array([difference.mean(), *interval(difference)])
+    return differences
 
 
 def _signed(mean: float, low: float, high: float) -> str:
@@ -198,5 +209,9 @@ def _cell(row: pd.Series) -> str:
     if pd.notna(row["low"]):
         text += f" [{row['low']:.3f}, {row['high']:.3f}]"
     elif row["seeds"] > 1 and row["each"]:
-        text += " [" + "; ".join(f"{float(one):.3f}" for one in row["each"].split(";")) + "]"
+        text += (
+            " ["
+            + "; ".join(f"{float(seed_value):.3f}" for seed_value in row["each"].split(";"))
+            + "]"
+        )
     return text + (f" ({row['paper']:g})" if pd.notna(row["paper"]) else "")

@@ -1,8 +1,9 @@
-"""Table II: how alike untouched frames are, simulated and recorded, and who notices what.
+"""Table II: the similarity of simulated and recorded untouched frames, by four measures, and the
+effects that each measure notices.
 
-A simulation is made for each recording: on the recording's own channels and electrodes, all else as
-the configuration's skin. Its frames are in the recording's unit; where that is not volt, one factor
-brings the ideal skin's median reading to the recording's.
+Every recording has a simulation on its channels and electrodes, with all else of the
+configuration's skin, in the recording's unit; where that is not volt, one factor maps the ideal
+skin's median reading to the recording's.
 """
 
 import json
@@ -21,119 +22,127 @@ from eitskin.physics.skin import Skin
 from eitskin.quantities import listed
 from eitskin.simulate import untouched_frames
 
-LEAST_FRAMES = 20  # untouched ones, to z-score by
-MOST_FRAMES = 240  # of a recording, evenly taken
-LEVEL = 0.95
+MIN_FRAMES = 20  # untouched frames: standard deviations for z-scores to 16 %
+MAX_FRAMES = 240  # of a recording, evenly spaced: distances of all pairs stay small
+LEVEL = 0.95  # of the permutation bands
 PLAIN, ALL, QUIET = "plain", "all", "noise-free"
 NAMES = {"mmd": "MMD", "coral": "CORAL", "ncc": "NCC", "swd": "SWD"}
 GROUP = ["recording", "origin", "configuration", "scale", "frames_recorded", "channels"]
 
 
 @dataclass(frozen=True)
-class Recorded:
-    """Untouched frames (N, M) of a recording, whole, of the channels that were read and vary:
-    `kept` (M,) of its table."""
+class UntouchedFrames:
+    """Complete untouched frames (N, M) of a recording, and its `channels` (M,) that were read and
+    vary."""
 
     frames: np.ndarray
-    kept: np.ndarray
+    channels: np.ndarray
 
 
-def recorded(source: recording.Recording, name: str) -> Recorded:
-    """At most MOST_FRAMES untouched frames of a recording, evenly taken.
+@dataclass(frozen=True)
+class Design:
+    """The simulated sets: the nominal `skin`, as `Skin.metadata`, the `plan` of their frames, and
+    the number of `permutations` of a band."""
 
-    A channel lost in more than a tenth of them, or that never varies, is left out; then a frame
-    with a reading lost. Raises InputError where a comparison has nothing to stand on.
+    skin: dict
+    plan: untouched_frames.Plan
+    permutations: int
+
+
+def untouched_of(source: recording.Recording, name: str) -> UntouchedFrames:
+    """At most MAX_FRAMES untouched frames of a recording, evenly spaced.
+
+    Channels that are lost in more than a tenth of them or constant are left out, then frames with a
+    lost reading. Raises InputError for differences, unknown angles and too few frames or channels.
     """
     if source.voltage is None or source.metadata["values"] != "absolute":
-        found = "a query" if source.voltage is None else "differences"
-        raise InputError(name, "voltage_V", found, "absolute readings")
+        content = "a query" if source.voltage is None else "differences"
+        raise InputError(name, "voltage_V", content, "absolute readings")
     if source.metadata["skin"]["electrode_deg"] is None:
         raise InputError(name, "skin.electrode_deg", "null", "angles, to simulate with")
     voltage = source.voltage[~source.frames["touch"].to_numpy(bool)]
-    kept = np.isnan(voltage).mean(axis=0) <= LOST_SHARE
-    if not kept.any():
+    used_channels = np.isnan(voltage).mean(axis=0) <= LOST_SHARE
+    if not used_channels.any():
         raise InputError(name, "untouched frames", "every channel lost", "at least one channel")
-    whole = voltage[np.isfinite(voltage[:, kept]).all(axis=1)]
-    if len(whole) < LEAST_FRAMES:
-        found = f"{len(whole)} whole ones"
-        raise InputError(name, "untouched frames", found, f"{LEAST_FRAMES} or more, to z-score by")
-    taken = np.linspace(0, len(whole) - 1, min(len(whole), MOST_FRAMES)).round().astype(int)
-    kept &= np.ptp(whole[taken], axis=0) > 0
-    if not kept.any():
+    complete_frames = voltage[np.isfinite(voltage[:, used_channels]).all(axis=1)]
+    if len(complete_frames) < MIN_FRAMES:
+        content = f"{len(complete_frames)} whole ones"
+        raise InputError(name, "untouched frames", content, f"{MIN_FRAMES} or more, to z-score by")
+    rows = (
+        np.linspace(0, len(complete_frames) - 1, min(len(complete_frames), MAX_FRAMES))
+        .round()
+        .astype(int)
+    )
+    used_channels &= np.ptp(complete_frames[rows], axis=0) > 0
+    if not used_channels.any():
         raise InputError(name, "untouched frames", "no channel that varies", "noise, at least")
-    return Recorded(whole[np.ix_(taken, kept)], np.flatnonzero(kept))
+    return UntouchedFrames(
+        complete_frames[np.ix_(rows, used_channels)], np.flatnonzero(used_channels)
+    )
 
 
 def compare(
     source: recording.Recording,
     name: str,
-    skin: dict,
     configuration: str,
     block: dict,
-    force_N: np.ndarray,
-    accuracy: str,
-    seed: int,
-    sessions: int,
-    frames: int,
-    permutations: int,
+    design: Design,
 ) -> pd.DataFrame:
     """Rows of Table II of one recording and one configuration, `block`: four measures of the plain
-    simulation, the whole perturbed one, each effect alone and the plain one without noise.
+    simulation, that with all effects, each effect alone and the plain one without noise.
 
-    `low`, `high`: the recording's own random halves; `change`: against plain, with the permutation
-    band; `notices`: whether it lies outside. Raises InputError as `recorded` and
-    `readings.simulate` do.
+    `halves_low`, `halves_high`: between random halves of the recording; `change`: against plain,
+    with its permutation band; `notices`: whether it lies outside. Raises InputError as
+    `untouched_of` and `readings.simulate` do.
     """
-    own = recorded(source, name)
-    sets = _simulated(source, own, skin, block, sessions, frames, force_N, accuracy, seed)
+    untouched = untouched_of(source, name)
+    sets = _simulated(source, untouched, block, design)
     scale = 1.0
     if source.metadata["unit"] != "V":
-        scale = float(np.median(np.abs(own.frames)) / np.median(np.abs(sets[QUIET])))
-    size = sessions * frames
+        scale = float(np.median(np.abs(untouched.frames)) / np.median(np.abs(sets[QUIET])))
+    size = design.plan.sessions * design.plan.session_frames
     pool = Pool(
-        np.concatenate([own.frames, *(scale * voltage for voltage in sets.values())]),
-        np.arange(len(own.frames)),
-        seed,
+        np.concatenate([untouched.frames, *(scale * voltage for voltage in sets.values())]),
+        np.arange(len(untouched.frames)),
+        design.plan.seed,
     )
     rows = {
-        label: len(own.frames) + k * size + np.arange(size).reshape(sessions, frames)
+        label: len(untouched.frames)
+        + k * size
+        + np.arange(size).reshape(design.plan.sessions, design.plan.session_frames)
         for k, label in enumerate(sets)
     }
-    found = _measured(pool, rows, permutations, seed)
+    table = _measured(pool, rows, design.permutations, design.plan.seed)
     source_name = source.metadata["source"]
     origin = "simulated" if source_name == "simulation" else source_name
     for column, value in enumerate((name, origin, configuration)):
-        found.insert(column, GROUP[column], value)
-    return found.assign(
-        frames_recorded=len(own.frames),
+        table.insert(column, GROUP[column], value)
+    return table.assign(
+        frames_recorded=len(untouched.frames),
         frames_simulated=size,
-        channels=len(own.kept),
+        channels=len(untouched.channels),
         scale=scale,
     )
 
 
 def _simulated(
     source: recording.Recording,
-    own: Recorded,
-    skin: dict,
+    untouched: UntouchedFrames,
     block: dict,
-    sessions: int,
-    frames: int,
-    force_N: np.ndarray,
-    accuracy: str,
-    seed: int,
+    design: Design,
 ) -> dict[str, np.ndarray]:
-    """Frames (sessions * frames, K) V of each simulation, on the recording's electrodes and in the
-    channels that are kept of it, magnitudes where it has them."""
+    """Frames (sessions * frames, K) V of each simulation, on the recording's electrodes and in its
+    used channels, magnitudes where the recording has them."""
     effects, noise = block["effects"], block["noise"]
-    believed = Skin.from_metadata(skin, "config.yaml")
-    believed = replace(believed, electrode_deg=source.skin.electrode_deg)
-    plan = untouched_frames.Plan(sessions, frames, force_N, accuracy, seed)
+    skin_of_recording = Skin.from_metadata(design.skin, "config.yaml")
+    skin_of_recording = replace(skin_of_recording, electrode_deg=source.skin.electrode_deg)
     magnitude = source.metadata["voltage"] == "magnitude"
 
-    def simulated(kept: list[dict], noise: float) -> np.ndarray:
-        voltage = untouched_frames.frames(believed, source.channels, effects, kept, noise, plan)
-        return (np.abs(voltage) if magnitude else voltage)[:, own.kept]
+    def simulated(drawn_effects: list[dict], noise: float) -> np.ndarray:
+        voltage = untouched_frames.frames(
+            skin_of_recording, source.channels, effects, drawn_effects, noise, design.plan
+        )
+        return (np.abs(voltage) if magnitude else voltage)[:, untouched.channels]
 
     sets = {PLAIN: simulated([], noise), ALL: simulated(effects, noise)}
     sets |= {label: simulated([item], noise) for label, item in _labels(effects).items()}
@@ -144,25 +153,25 @@ def _simulated(
 def _measured(
     pool: Pool, rows: dict[str, np.ndarray], permutations: int, seed: int
 ) -> pd.DataFrame:
-    """What every measure says of each simulation, its rows (sessions, frames) of the pool; with
-    the recording's own halves, and of the change against plain the band of its permutations."""
+    """Every measure of each simulation, given by its rows (sessions, frames) of the pool, with the
+    interval of the recording's halves and the permutation band of the change against plain."""
     tails = (0.5 - LEVEL / 2, 0.5 + LEVEL / 2)
     rng = np.random.default_rng([seed, 5])
     low, high = np.quantile(pool.halves(permutations, rng), tails, axis=0)
     plain = pool.compare(rows[PLAIN].ravel(), pool.real)
-    found = []
-    for label, at in rows.items():
-        change, below, above = np.full((3, len(MEASURES)), np.nan)
+    table_rows = []
+    for label, simulation_rows in rows.items():
+        change, band_low, band_high = np.full((3, len(MEASURES)), np.nan)
         value = plain
         if label != PLAIN:
-            change, permuted = pool.changes(at, rows[PLAIN], permutations, rng)
-            below, above = np.quantile(permuted, tails, axis=0)
-            value = pool.compare(at.ravel(), pool.real)
-        for k, (measure, nearer) in enumerate(MEASURES.items()):
-            outside = bool(change[k] < below[k] or change[k] > above[k])
-            closer = (change[k] < 0) == (nearer == "lower")
-            terms = pool.mmd_terms(at.ravel()) if measure == "mmd" else (np.nan,) * 3
-            found.append(
+            change, permuted_changes = pool.changes(simulation_rows, rows[PLAIN], permutations, rng)
+            band_low, band_high = np.quantile(permuted_changes, tails, axis=0)
+            value = pool.compare(simulation_rows.ravel(), pool.real)
+        for k, (measure, nearer_direction) in enumerate(MEASURES.items()):
+            is_noticed = bool(change[k] < band_low[k] or change[k] > band_high[k])
+            is_nearer = (change[k] < 0) == (nearer_direction == "lower")
+            terms = pool.mmd_terms(simulation_rows.ravel()) if measure == "mmd" else (np.nan,) * 3
+            table_rows.append(
                 {
                     "simulation": label,
                     "measure": measure,
@@ -170,20 +179,20 @@ def _measured(
                     "halves_low": low[k],
                     "halves_high": high[k],
                     "change": change[k],
-                    "band_low": below[k],
-                    "band_high": above[k],
-                    "notices": "" if label == PLAIN else "yes" if outside else "no",
-                    "direction": ("nearer" if closer else "farther") if outside else "",
+                    "band_low": band_low[k],
+                    "band_high": band_high[k],
+                    "notices": "" if label == PLAIN else "yes" if is_noticed else "no",
+                    "direction": ("nearer" if is_nearer else "farther") if is_noticed else "",
                     "mmd_within_simulation": terms[0],
                     "mmd_within_recording": terms[1],
                     "mmd_across": terms[2],
                 }
             )
-    return pd.DataFrame(found)
+    return pd.DataFrame(table_rows)
 
 
 def _labels(effects: list[dict]) -> dict[str, dict]:
-    """Effects by name, numbered where a name stands twice."""
+    """Effects by name, numbered where a name is repeated."""
     names = [item["name"] for item in effects]
     return {
         name if names.count(name) == 1 else f"{name} {names[: k + 1].count(name)}": item
@@ -193,44 +202,24 @@ def _labels(effects: list[dict]) -> dict[str, dict]:
 
 def write(
     recordings: dict[str, str | Path],
-    mesh: str | Path,
+    configurations: dict[str, dict],
+    design: Design,
     published: str | Path,
     csv: str | Path,
     markdown: str | Path,
-    skin: dict,
-    configurations: dict[str, dict],
-    accuracy: str,
-    seed: int,
-    sessions: int,
-    frames: int,
-    permutations: int,
 ) -> list[str]:
     """Write Table II of every recording (file by name) and configuration to `csv` and `markdown`,
-    the paper's numbers, of the file `published`, beside; returns a line for every recording that
-    is left out, with the reason.
+    with the paper's numbers of the file `published`; returns a line with the reason for every
+    recording that is left out.
 
     Raises InputError where none can be compared.
     """
-    with np.load(mesh) as laid:
-        force_N = laid["force_N"]
     tables, left_out = [], []
     for name, path in recordings.items():
         source = recording.read(path)
         try:
             tables += [
-                compare(
-                    source,
-                    name,
-                    skin,
-                    configuration,
-                    block,
-                    force_N,
-                    accuracy,
-                    seed,
-                    sessions,
-                    frames,
-                    permutations,
-                )
+                compare(source, name, configuration, block, design)
                 for configuration, block in configurations.items()
             ]
         except InputError as error:
@@ -243,7 +232,7 @@ def write(
     with atomic_path(csv) as temporary:
         rows.to_csv(temporary, index=False, float_format="%.6g")
     with atomic_path(markdown) as temporary:
-        temporary.write_text(to_markdown(rows, left_out, permutations), encoding="utf-8")
+        temporary.write_text(to_markdown(rows, left_out, design.permutations), encoding="utf-8")
     return left_out
 
 
@@ -277,8 +266,10 @@ def to_markdown(rows: pd.DataFrame, left_out: list[str], permutations: int) -> s
             columns = ("measure", "value", "notices", "paper")
             text = " | ".join(_cell(*cell) for cell in cells[[*columns]].itertuples(index=False))
             lines.append(f"| {label} | {text} |")
-        own = group[group["simulation"] == PLAIN]
-        halves = " | ".join(f"{c.halves_low:.4g} … {c.halves_high:.4g}" for c in own.itertuples())
+        plain_rows = group[group["simulation"] == PLAIN]
+        halves = " | ".join(
+            f"{c.halves_low:.4g} … {c.halves_high:.4g}" for c in plain_rows.itertuples()
+        )
         lines += [f"| the recording's own halves, 95 % | {halves} |", "", *reading(group)]
     return "\n".join(lines) + "\n"
 
@@ -290,39 +281,42 @@ def _cell(measure: str, value: float, notices: str, paper: float) -> str:
 
 
 def reading(group: pd.DataFrame) -> list[str]:
-    """Sentences on one recording and configuration: which measure notices which perturbation, and
-    whether all of them together bring the simulation nearer."""
+    """Sentences on one recording and configuration: the effects that each measure notices, and
+    whether all effects together bring the simulation nearer."""
     lines = []
     plain = group[group["simulation"] == PLAIN]
     outside = [
         NAMES[c.measure] for c in plain.itertuples() if not c.halves_low <= c.value <= c.halves_high
     ]
-    told = f"{_named(outside)} tell" if len(outside) > 1 else f"{_named(outside)} tells"
-    lines.append(f"- {told} the plain simulation from another half of the recording.")
-    alone = group[~group["simulation"].isin([PLAIN, ALL])]
-    for measure, cells in alone.groupby("measure", sort=False):
-        seen = [f"{c.simulation} ({c.direction})" for c in cells.itertuples() if c.notices == "yes"]
+    clause = f"{_listed(outside)} tell" if len(outside) > 1 else f"{_listed(outside)} tells"
+    lines.append(f"- {clause} the plain simulation from another half of the recording.")
+    single_effects = group[~group["simulation"].isin([PLAIN, ALL])]
+    for measure, cells in single_effects.groupby("measure", sort=False):
+        noticed = [
+            f"{c.simulation} ({c.direction})" for c in cells.itertuples() if c.notices == "yes"
+        ]
         missed = [c.simulation for c in cells.itertuples() if c.notices == "no"]
-        rest = f"; not {_named(missed)}" if missed else ", every one"
-        lines.append(f"- {NAMES[measure]} notices {_named(seen)}{rest}.")
-    whole = group[group["simulation"] == ALL]
-    by = {
-        word: _named([NAMES[c.measure] for c in whole.itertuples() if c.direction == direction])
+        remainder = f"; not {_listed(missed)}" if missed else ", every one"
+        lines.append(f"- {NAMES[measure]} notices {_listed(noticed)}{remainder}.")
+    all_rows = group[group["simulation"] == ALL]
+    measures_by_direction = {
+        word: _listed([NAMES[c.measure] for c in all_rows.itertuples() if c.direction == direction])
         for word, direction in (("nearer", "nearer"), ("farther", "farther"), ("the same", ""))
     }
-    told = "; ".join(f"{word} by {names}" for word, names in by.items())
-    lines.append(f"- All effects together, against plain: {told}.")
-    before, after = (group[group["simulation"] == s].iloc[0] for s in (PLAIN, ALL))
-    own = after["mmd_within_simulation"] - before["mmd_within_simulation"]
-    recording_s = after["mmd_within_recording"] - before["mmd_within_recording"]
-    across = -2.0 * (after["mmd_across"] - before["mmd_across"])
+    clause = "; ".join(f"{word} by {names}" for word, names in measures_by_direction.items())
+    lines.append(f"- All effects together, against plain: {clause}.")
+    plain_row, all_row = (group[group["simulation"] == s].iloc[0] for s in (PLAIN, ALL))
+    within_change = all_row["mmd_within_simulation"] - plain_row["mmd_within_simulation"]
+    recording_change = all_row["mmd_within_recording"] - plain_row["mmd_within_recording"]
+    across_change = -2.0 * (all_row["mmd_across"] - plain_row["mmd_across"])
     lines.append(
-        f"- Of MMD's change from plain to all, {after['change']:+.2f}, the simulated frames' "
-        f"likeness to one another makes {own:+.2f}, that of the recorded ones {recording_s:+.2f}, "
-        f"and the likeness between the two sets {across:+.2f}: only the last is nearness."
+        f"- Of MMD's change from plain to all, {all_row['change']:+.2f}, the simulated frames' "
+        f"likeness to one another makes {within_change:+.2f}, that of the recorded ones "
+        f"{recording_change:+.2f}, and the likeness between the two sets {across_change:+.2f}: "
+        "only the last is nearness."
     )
     return lines
 
 
-def _named(names: list[str]) -> str:
+def _listed(names: list[str]) -> str:
     return listed(names) or "none"

@@ -1,4 +1,4 @@
-"""The table of transfers: means, intervals, and what they say in words."""
+"""The table of transfers: means, intervals, and their reading in words."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,10 +13,10 @@ from eitskin.errors import InputError
 from eitskin.learn.metrics import interval
 from eitskin.learn.transfer_runs import (
     CONSTANT,
-    FEW,
+    FEW_LABELS,
     METHODS,
     NEAREST,
-    NONE,
+    NO_LABELS,
     RUNS,
     TRAINED_ALL,
     TRAINED_FEW,
@@ -35,20 +35,21 @@ REFERENCES = (CONSTANT, NEAREST, TRAINED_FEW, TRAINED_ALL)
 Files = list[tuple[dict[str, str], str | Path]]  # keys of a file of runs, and the file
 
 
-def collect(files: Files, keys: Sequence[str] = KEYS, of: str = "transfer") -> pd.DataFrame:
-    """The runs of all files with `keys` before them; a reference's source is empty.
+def collect(files: Files, keys: Sequence[str] = KEYS, table_name: str = "transfer") -> pd.DataFrame:
+    """The runs of all files, preceded by the columns `keys`; a reference's source is empty.
 
-    Raises InputError, with `of` as its file, where there are none, or where a file holds something
-    else.
+    Raises InputError for a file with other columns and, in the name of `table_name`, without files.
     """
     if not files:
-        raise InputError(of, "files of runs", "none", "at least one")
-    tables = [read_runs(path).assign(**given)[[*keys, *RUNS]] for given, path in files]
+        raise InputError(table_name, "files of runs", "none", "at least one")
+    tables = [
+        read_runs(path).assign(**keys_of_file)[[*keys, *RUNS]] for keys_of_file, path in files
+    ]
     return pd.concat(tables, ignore_index=True)
 
 
 def read_runs(path: str | Path) -> pd.DataFrame:
-    """The rows (`RUNS`) of a file. Raises InputError where it holds something else."""
+    """The rows (`RUNS`) of a file. Raises InputError for other columns."""
     text = dict.fromkeys(("method", "variable", "metric", "left_out"), str)
     table = pd.read_csv(path, keep_default_na=False, na_values={"value": ""}, dtype=text)
     if list(table.columns) != list(RUNS):
@@ -57,8 +58,8 @@ def read_runs(path: str | Path) -> pd.DataFrame:
 
 
 def summarise(runs: pd.DataFrame) -> pd.DataFrame:
-    """Rows (TABLE): mean and 95 % interval (Student's t) over draws of the labels, else over seeds;
-    what was left out comes with its reason and without numbers."""
+    """Rows (TABLE): mean and 95 % interval (Student's t) over draws of the labels, else over seeds.
+    A method that was left out has its reason and no numbers."""
     rows = []
     for names, group in runs.groupby(GROUP, sort=False):
         row = dict(zip(GROUP, names, strict=True))
@@ -78,27 +79,27 @@ def summarise(runs: pd.DataFrame) -> pd.DataFrame:
     return table
 
 
-def difference(one: pd.DataFrame, other: pd.DataFrame) -> tuple[float, float, float]:
-    """Mean, low and high (95 %) of the values of `one` minus those of `other`, runs of one variable
-    and metric by two methods.
+def difference(runs_a: pd.DataFrame, runs_b: pd.DataFrame) -> tuple[float, float, float]:
+    """Mean, low and high (95 %) of the values of `runs_a` minus those of `runs_b`, of two methods
+    for one variable and metric.
 
-    Student's t of pairs: of the same draw, or of the same seed where the models are the same or
-    nothing was drawn. Welch's t where nothing pairs them. NaN limits where one has a single run.
+    Student's t of pairs of the same draw, or of the same seed where the models are the same or no
+    labels were drawn; otherwise Welch's t. The limits are NaN where one has a single run.
     """
-    drawn = [bool((runs["draw"] >= 0).all()) for runs in (one, other)]
-    if drawn[0] == drawn[1]:
-        key: str | None = "draw" if drawn[0] else "seed"
+    has_draws = [bool((runs["draw"] >= 0).all()) for runs in (runs_a, runs_b)]
+    if has_draws[0] == has_draws[1]:
+        key: str | None = "draw" if has_draws[0] else "seed"
     else:
-        key = "seed" if set(one["source"]) == set(other["source"]) else None
+        key = "seed" if set(runs_a["source"]) == set(runs_b["source"]) else None
     if key is not None:
-        pairs = one.merge(other, on=key)
+        pairs = runs_a.merge(runs_b, on=key)
         values = (pairs["value_x"] - pairs["value_y"]).to_numpy()
         return float(values.mean()), *interval(values)
-    found = [runs["value"].to_numpy() for runs in (one, other)]
-    mean = float(found[0].mean() - found[1].mean())
-    if min(map(len, found)) < 2:
+    samples = [runs["value"].to_numpy() for runs in (runs_a, runs_b)]
+    mean = float(samples[0].mean() - samples[1].mean())
+    if min(map(len, samples)) < 2:
         return mean, float("nan"), float("nan")
-    limits = stats.ttest_ind(*found, equal_var=False).confidence_interval(0.95)
+    limits = stats.ttest_ind(*samples, equal_var=False).confidence_interval(0.95)
     return mean, float(limits.low), float(limits.high)
 
 
@@ -113,8 +114,8 @@ def write(files: Files, csv: str | Path, markdown: str | Path) -> None:
 
 
 def to_markdown(runs: pd.DataFrame, table: pd.DataFrame) -> str:
-    """A section for each recording, model and budget: its references, every simulation's methods,
-    what was left out, and the reading of each variable by its mean absolute error."""
+    """A section for each recording, model and budget: the references, the methods of every
+    simulation, the omissions, and the reading of each variable by its mean absolute error."""
     lines = [
         "# Transfer from simulation to recording",
         "",
@@ -124,35 +125,46 @@ def to_markdown(runs: pd.DataFrame, table: pd.DataFrame) -> str:
         "mm, F in N. z-score and CORAL take it that both sets were pressed alike. What errs least",
         "of several was found on the same test part, and so looks a little better than it is.",
     ]
-    for (target, model, budget), part in table.groupby(["target", "model", "budget"], sort=False):
-        sources = [source for source in part["source"].unique() if source]
+    for (target, model, budget), section in table.groupby(
+        ["target", "model", "budget"], sort=False
+    ):
+        sources = [source for source in section["source"].unique() if source]
         lines += ["", f"## {target} · {model} · budget {budget}"]
         for source in sources:
-            here = part[part["source"].isin([source, ""])]
-            kept = here[(here["left_out"] == "") & here["metric"].isin(SHOWN)]
-            known = kept.loc[kept["source"] == source, "variable"].unique()
-            kept = kept[kept["variable"].isin(known)]
-            lines += ["", f"### From {source}", "", *_lines(kept)]
-            for row in here[here["left_out"] != ""].itertuples():
-                what = ", ".join(filter(None, [row.method, row.variable])) or "everything"
-                lines.append(f"- left out, {what}: {row.left_out}")
-            own = (runs["target"] == target) & (runs["model"] == model)
-            own &= (runs["budget"] == budget) & runs["source"].isin([source, ""])
-            own &= (runs["left_out"] == "") & (runs["metric"] == "mae")
-            lines += [f"- {reading(runs[own], v)}" for v in TARGETS if v in known]
+            source_rows = section[section["source"].isin([source, ""])]
+            shown_rows = source_rows[
+                (source_rows["left_out"] == "") & source_rows["metric"].isin(SHOWN)
+            ]
+            known_variables = shown_rows.loc[shown_rows["source"] == source, "variable"].unique()
+            shown_rows = shown_rows[shown_rows["variable"].isin(known_variables)]
+            lines += ["", f"### From {source}", "", *_lines(shown_rows)]
+            for row in source_rows[source_rows["left_out"] != ""].itertuples():
+                omission = ", ".join(filter(None, [row.method, row.variable])) or "everything"
+                lines.append(f"- left out, {omission}: {row.left_out}")
+            error_runs = (runs["target"] == target) & (runs["model"] == model)
+            error_runs &= (runs["budget"] == budget) & runs["source"].isin([source, ""])
+            error_runs &= (runs["left_out"] == "") & (runs["metric"] == "mae")
+            lines += [f"- {reading(runs[error_runs], v)}" for v in TARGETS if v in known_variables]
     return "\n".join(lines) + "\n"
 
 
-def _lines(kept: pd.DataFrame) -> list[str]:
-    if kept.empty:
+def _lines(rows: pd.DataFrame) -> list[str]:
+    if rows.empty:
         return []
-    columns = [(v, m) for v in TARGETS for m in SHOWN if v in set(kept["variable"])]
+    columns = [
+        (variable, metric)
+        for variable in TARGETS
+        for metric in SHOWN
+        if variable in set(rows["variable"])
+    ]
     lines = [
-        "| method | labels | " + " | ".join(f"{SHOWN[m]} {v}" for v, m in columns) + " |",
+        "| method | labels | "
+        + " | ".join(f"{SHOWN[metric]} {variable}" for variable, metric in columns)
+        + " |",
         "|---" * (len(columns) + 2) + "|",
     ]
     for method in METHODS:
-        cells = kept[kept["method"] == method].set_index(["variable", "metric"])
+        cells = rows[rows["method"] == method].set_index(["variable", "metric"])
         if cells.empty:
             continue
         texts = [_cell(cells.loc[c]) if c in cells.index else "" for c in columns]
@@ -166,35 +178,45 @@ def _cell(row: pd.Series) -> str:
 
 
 def reading(runs: pd.DataFrame, variable: str) -> str:
-    """What one variable's mean absolute errors say, by intervals of differences: the simulation
-    against a constant, each method without labels against zero-shot, the best with 5 % against
-    zero-shot and the best that those labels give alone, and what the whole training part gives."""
-    of = {m: g for m, g in runs[runs["variable"] == variable].groupby("method")}
-    error = {method: group["value"].mean() for method, group in of.items()}
-    unit, said = UNITS[variable], []
+    """One variable's mean absolute errors in words, by intervals of differences: the simulation
+    against a constant, each method without labels against zero-shot, the best with 5 % of the
+    labels against zero-shot and the best reference of those labels, and the training part."""
+    runs_by_method = {m: g for m, g in runs[runs["variable"] == variable].groupby("method")}
+    error = {method: group["value"].mean() for method, group in runs_by_method.items()}
+    unit, clauses = UNITS[variable], []
 
-    def versus(one: str, other: str) -> str:
-        mean, low, high = difference(of[one], of[other])
+    def versus(method: str, reference: str) -> str:
+        mean, low, high = difference(runs_by_method[method], runs_by_method[reference])
         word = "better than" if high < 0 else "worse than" if low > 0 else "not told apart from"
         limits = "" if np.isnan(low) else f" [{low:+.2f}, {high:+.2f}]"
-        return f"{word} {other} ({mean:+.2f} {unit}{limits})"
+        return f"{word} {reference} ({mean:+.2f} {unit}{limits})"
 
-    def least(methods: list[str]) -> str | None:
-        return min((m for m in methods if m in of), key=lambda m: error[m], default=None)
+    def best_method(methods: list[str]) -> str | None:
+        return min(
+            (m for m in methods if m in runs_by_method), key=lambda m: error[m], default=None
+        )
 
-    if ZERO_SHOT in of:
+    if ZERO_SHOT in runs_by_method:
         text = f"zero-shot errs by {error[ZERO_SHOT]:.2f} {unit}"
-        said.append(text + (f", {versus(ZERO_SHOT, CONSTANT)}" if CONSTANT in of else ""))
-        unlabelled = [m for m in METHODS if METHODS[m] == NONE and m in of and m != ZERO_SHOT]
-        said += [f"{method} is {versus(method, ZERO_SHOT)}" for method in unlabelled]
-    best = least([m for m in METHODS if METHODS[m] == FEW and m not in REFERENCES])
-    alone = least([CONSTANT, NEAREST, TRAINED_FEW])
+        clauses.append(
+            text + (f", {versus(ZERO_SHOT, CONSTANT)}" if CONSTANT in runs_by_method else "")
+        )
+        unlabelled = [
+            m for m in METHODS if METHODS[m] == NO_LABELS and m in runs_by_method and m != ZERO_SHOT
+        ]
+        clauses += [f"{method} is {versus(method, ZERO_SHOT)}" for method in unlabelled]
+    best = best_method([m for m in METHODS if METHODS[m] == FEW_LABELS and m not in REFERENCES])
+    best_alone = best_method([CONSTANT, NEAREST, TRAINED_FEW])
     if best is not None:
-        others = [m for m in (ZERO_SHOT, alone) if m is not None and m in of]
-        told = [f"with 5 % of the labels {best} errs least, {error[best]:.2f} {unit}"]
-        said.append(", ".join([*told, *(versus(best, other) for other in others)]))
-    if alone is not None:
-        said.append(f"the 5 % alone give {error[alone]:.2f} {unit} at best ({alone})")
-    if TRAINED_ALL in of:
-        said.append(f"the whole training part {error[TRAINED_ALL]:.2f} {unit}")
-    return f"**{variable}**: " + "; ".join(said) + "."
+        compared = [m for m in (ZERO_SHOT, best_alone) if m is not None and m in runs_by_method]
+        best_clauses = [f"with 5 % of the labels {best} errs least, {error[best]:.2f} {unit}"]
+        clauses.append(
+            ", ".join(
+                [*best_clauses, *(versus(best, compared_method) for compared_method in compared)]
+            )
+        )
+    if best_alone is not None:
+        clauses.append(f"the 5 % alone give {error[best_alone]:.2f} {unit} at best ({best_alone})")
+    if TRAINED_ALL in runs_by_method:
+        clauses.append(f"the whole training part {error[TRAINED_ALL]:.2f} {unit}")
+    return f"**{variable}**: " + "; ".join(clauses) + "."

@@ -47,9 +47,9 @@ class Baseline:
         """
         scaled = change / self._scale
         missing_channels = tuple(np.flatnonzero(np.isnan(scaled)).tolist())
-        key = self._channels.class_of(scaled), missing_channels
+        key = self._channels.strength_class(scaled), missing_channels
         if key not in self._weights:
-            self._weights[key] = self._channels.along(self.level / self._scale, *key)
+            self._weights[key] = self._channels.pattern_weights(self.level / self._scale, *key)
         return float(np.nan_to_num(scaled) @ self._weights[key])
 
     def drift_gain(self, gain: float, time_s: float) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 
 from eitskin.errors import InputError
 from eitskin.exported.channels import Missing
-from eitskin.exported.electrodes import Electrodes, using
+from eitskin.exported.electrodes import Electrodes, channels_using
 from eitskin.exported.predictor import Estimate, Predictor
 from eitskin.stream import opening
 from eitskin.stream.baseline import MAX_DRIFT_PER_S, OPENING_FRAMES, Baseline
@@ -178,7 +178,7 @@ class Judge:
         estimate, reason = self.predictor.estimate(*imputation, lost_electrodes), ""
         if activity < self.predictor.weakest:
             reason = "weaker than what was trained on, or the untouched frame has moved"
-        elif exceedance := self.predictor.beyond(estimate):
+        elif exceedance := self.predictor.out_of_range(estimate):
             reason = f"stronger, weaker or farther out than what was trained on: {exceedance}"
         kind = CANNOT_TELL if reason else TOUCH
         return Verdict(
@@ -205,8 +205,8 @@ class Judge:
         cleaned = change.copy()
         for _ in range(MAX_REJECTED_READINGS):
             z, strength_class = self._scaled_imputation(cleaned)
-            deviations = self._electrodes.singles(
-                self._electrodes.pull(z, strength_class), strength_class
+            deviations = self._electrodes.channel_distances(
+                self._electrodes.precision_weighted(z, strength_class), strength_class
             )
             worst_channel = int(deviations.argmax())
             if deviations[worst_channel] <= self._rejection_limits["single"][strength_class]:
@@ -217,8 +217,10 @@ class Judge:
         if len(self.lost_electrodes) < MAX_LOST_ELECTRODES:
             z, strength_class = self._scaled_imputation(change)
             missing_channels = tuple(np.flatnonzero(np.isnan(change)).tolist())
-            electrode_shares = self._electrodes.apart(
-                self._electrodes.pull(z, strength_class), strength_class, missing_channels
+            electrode_shares = self._electrodes.electrode_distances(
+                self._electrodes.precision_weighted(z, strength_class),
+                strength_class,
+                missing_channels,
             )
             for electrode in np.argsort(-electrode_shares)[:2].tolist():
                 cleaned = change.copy()
@@ -232,7 +234,7 @@ class Judge:
     def _scaled_imputation(self, change: np.ndarray) -> tuple[np.ndarray, int]:
         """The change (M,) in units of the channels' scale, NaN imputed, and its strength class."""
         imputed, missing = self.predictor.filled(change)
-        return imputed / self.predictor.scale, missing.number
+        return imputed / self.predictor.scale, missing.class_number
 
     def _is_plausible(self, change: np.ndarray) -> bool:
         """Whether a change is an untouched frame's or a familiar touch's."""
@@ -254,7 +256,7 @@ class Judge:
     def set_lost_electrodes(self, electrodes: list[int]) -> None:
         """Do without the channels of exactly these electrodes from the next frame on."""
         self.lost_electrodes = tuple(sorted(electrodes))
-        self._lost_channels = using(self.channel_table, self.lost_electrodes)
+        self._lost_channels = channels_using(self.channel_table, self.lost_electrodes)
         self._consistent_frames = dict.fromkeys(self.lost_electrodes, 0)
 
     def _recover_electrodes(self, change: np.ndarray) -> tuple[str, ...]:
@@ -273,7 +275,7 @@ class Judge:
             muted_change[electrode_channels] = 0.0
             if self._is_plausible(muted_change):
                 continue
-            other_lost_channels = using(
+            other_lost_channels = channels_using(
                 self.channel_table, [k for k in self.lost_electrodes if k != electrode]
             )
             is_consistent = self._is_plausible(np.where(other_lost_channels, np.nan, change))

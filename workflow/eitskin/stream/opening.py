@@ -3,7 +3,7 @@
 import numpy as np
 
 from eitskin.errors import InputError
-from eitskin.exported.electrodes import using
+from eitskin.exported.electrodes import channels_using
 from eitskin.exported.predictor import Predictor
 from eitskin.stream.baseline import Baseline
 
@@ -21,7 +21,7 @@ def find_dead_electrodes(frames: np.ndarray, table: np.ndarray) -> list[int]:
     be smaller than a step of the converter. Each suspect channel counts for one electrode only.
     """
     suspect = silent(frames) | unreciprocal(frames, table)
-    electrode_channels = np.array([using(table, [k]) for k in range(int(table.max()) + 1)])
+    electrode_channels = np.array([channels_using(table, [k]) for k in range(int(table.max()) + 1)])
     unassigned = np.ones(len(table), dtype=bool)
     electrodes: list[int] = []
     while True:
@@ -85,5 +85,7 @@ def check(frames: np.ndarray, predictor: Predictor) -> None:
     if predictor.activity(change) < predictor.weakest:
         return
     imputed, missing = predictor.filled(change)
-    if predictor.familiar(imputed) and not predictor.beyond(predictor.estimate(imputed, missing)):
+    if predictor.familiar(imputed) and not predictor.out_of_range(
+        predictor.estimate(imputed, missing)
+    ):
         raise InputError("recording", "opening frames", "a touch like those trained on", expected)
