@@ -1,9 +1,11 @@
 """The pages that people read: their links lead somewhere, the front page is short, the sample that
 ships is what its command makes."""
 
+import importlib.util
 import json
 import re
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +25,18 @@ LINKED = [
 ]
 MOST_WORDS = 900  # of the front page
 SAMPLE = ROOT / "docs" / "sample"
+NAMING = [*LINKED, ROOT / "results" / "README.md", ROOT / "config.yaml"]
+A_FILE = re.compile(r"`([\w./-]+/[\w-]+\.(?:py|smk|md|rst))`")
+A_MODULE = re.compile(r"python -m ([a-z_]\w*(?:\.\w+)*)")
+A_TARGET = re.compile(r"(?:^|`)make ([a-z][\w-]*)(?=[` \n])", re.MULTILINE)
+
+
+@cache
+def files() -> list[str]:
+    """The paths of all files of the project, each after a slash."""
+    folders = ("benchmarks", "docs", "profiles", "tests", "workflow")
+    paths = (path for folder in folders for path in (ROOT / folder).rglob("*.*"))
+    return [f"/{path.relative_to(ROOT).as_posix()}" for path in paths]
 
 
 @pytest.mark.parametrize("page", LINKED, ids=lambda page: str(page.relative_to(ROOT)))
@@ -35,6 +49,18 @@ def test_links_lead_to_files(page):
 def test_a_space_stands_before_per_cent(page):
     text = page.read_text(encoding="utf-8")
     assert re.findall(r".*[0-9]%(?![0-9A-F]{2}).*", text) == []
+
+
+@pytest.mark.parametrize("page", NAMING, ids=lambda page: str(page.relative_to(ROOT)))
+def test_files_modules_and_targets_that_are_named_exist(page):
+    text = page.read_text(encoding="utf-8")
+    for path in A_FILE.findall(text):
+        is_known = (ROOT / path).exists() or any(file.endswith(f"/{path}") for file in files())
+        assert "NAME" in path or is_known, path
+    for module in A_MODULE.findall(text):
+        assert importlib.util.find_spec(module) is not None, module
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert set(A_TARGET.findall(text)) <= set(re.findall(r"^([\w-]+):", makefile, re.MULTILINE))
 
 
 def test_every_page_is_reached_from_the_index():
