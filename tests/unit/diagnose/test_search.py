@@ -22,6 +22,7 @@ from eitskin.diagnose.search.gates import (
     CHANCE,
     COMPETING,
     EVIDENCE,
+    FORLORN,
     GROSS_MISFIT,
     PLACE,
     UNLIKE,
@@ -559,7 +560,7 @@ def test_a_discrepancy_that_explains_far_more_is_not_taken_out(
     kept = {k: s for k, s in found.error_sds.items() if not COMPONENTS[k].discrepancy}
     density = -0.5 * (moved.chi2 + moved.problem.whitening.log_determinant)
     behind = found.log_likelihood - density - found.rig.log_prior(kept) - 0.5 * promised(moved)
-    monkeypatch.setattr(refits, "FORLORN", behind - nearer)
+    monkeypatch.setitem(vars(FORLORN), "threshold", behind - nearer)
     monkeypatch.setitem(vars(GROSS_MISFIT), "threshold", gross)
     tried = []
     monkeypatch.setattr(

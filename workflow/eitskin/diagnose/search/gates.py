@@ -280,6 +280,37 @@ RACE = Gate(
     SEARCH,
     "its fit fell {value} nats behind the best name's, and was given up",
 )
+STARTS = Gate(
+    "starts",
+    "rank of a start of the name, by the chi squared that it leaves",
+    3,
+    "at most",
+    "cost",
+    "a fit of a body costs as much as some hundred sheets",
+    "effects that no tangent leads to, where nobody touches",
+    "its start comes {value}th of the name; {threshold} are fitted",
+)
+FORLORN = Gate(
+    "forlorn",
+    "nats by which a fit without its discrepancy is behind after one step, with what the next step"
+    " promises",
+    150.0,
+    "at most",
+    "cost",
+    "odds that no further step makes up for",
+    "sets with a discrepancy in their covariance, which are tried without it as well",
+    "without a discrepancy its fit is {value} nats behind; it is followed up to {threshold}",
+)
+GROSS_SHARE = Gate(
+    "gross-share",
+    "misfit that a gross fault leaves, over that without it",
+    0.5,
+    "at most",
+    "cost",
+    "half of a gross misfit is plain to see",
+    "gross faults of the wiring, before anything else is tried",
+    "it leaves {value} of the misfit; a gross fault is plain up to {threshold}",
+)
 EVIDENCE = Gate(
     "evidence",
     "log evidence above that without the effect, or the site, nats",
@@ -323,6 +354,17 @@ EFFECTS_OF_A_SET = Gate(
     SEARCH,
     "the set has {value} effects; no more than {threshold} are sought",
 )
+CATCH_UP = Gate(
+    "catch-up",
+    "nats that the set would lack of its rival's log evidence, if as many effects as may still come"
+    " were each as good as the last",
+    0.0,
+    "at most",
+    "cost",
+    "later effects seldom raise the evidence by more than earlier ones",
+    "sets that grow beside a rival",
+    "the set would still lack {value} nats of its rival's log evidence",
+)
 PLACE = Gate(
     "place",
     "log evidence above the effect whose place is taken, nats",
@@ -334,8 +376,8 @@ PLACE = Gate(
     "in the place of {place} it has {value} nats more; another name takes a place above"
     " {threshold}",
 )
-TOLD = Gate(
-    "told",
+SIZE = Gate(
+    "size",
     "sd of the logarithm of the effect's size",
     float(np.log(100.0) / (2.0 * 1.6449)),
     "below",

@@ -23,11 +23,13 @@ from eitskin.diagnose.fitting.tangents import Tangents
 from eitskin.diagnose.search import channels, last_resorts
 from eitskin.diagnose.search.explanation import Explanation, added_effect
 from eitskin.diagnose.search.gates import (
+    CATCH_UP,
     CHANCE,
     EFFECTS_OF_A_SET,
     EVIDENCE,
     FREEDOM,
     GROSS_MISFIT,
+    GROSS_SHARE,
     PLACE,
     PREDICTION,
     UNLIKE,
@@ -60,8 +62,8 @@ from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.search.starting_point import StartingPoint
 from eitskin.errors import InputError
 
+TINY = 1e-300  # a misfit below which there is nothing to explain
 FEW_SITES = 2  # of a sparse effect; with more, single sites are tried in its place
-PLAIN_SHARE = 0.5  # of the misfit without it, that a gross fault may leave to be plain to see
 
 Outcome = tuple[Search, Explanation, Explanation]
 
@@ -88,6 +90,10 @@ def grown(search: Search, calibration: Explanation, begin: Explanation | None = 
             p_value = begin.p_value(effect) if begin.p_values else None
             search.journal.step(START, effect, begin, p_value)
         if not replaces_instrument(begin.effects):
+            if _tries_last_resorts(search, begin):
+                in_blur, another = last_resorts.another_instrument(search, calibration)
+                if another is not None:
+                    return in_blur, calibration, another
             return search, calibration, _explained(search, _drop(search, _confirmed(search, begin)))
         blurred, begin = last_resorts.blurred(search, begin)
         confirmed = _drop(blurred, _confirmed(blurred, begin))
@@ -232,7 +238,8 @@ def _grow(search: Search, explanation: Explanation) -> Explanation:
         gain = better.log_evidence - explanation.log_evidence
         explanation = _drop(search, better)
         room = EFFECTS_OF_A_SET.threshold - len(explanation.effects)
-        if search.rival_evidence - explanation.log_evidence > room * gain:
+        lack = search.rival_evidence - explanation.log_evidence - room * gain
+        if not CATCH_UP.admits(lack):
             break
     return explanation
 
@@ -265,7 +272,8 @@ def _with_gross_fault(
         if c.key not in keys
     ]
     remainder, best = min(remainders)
-    if remainder > PLAIN_SHARE * unexplained(settings):
+    share = remainder / max(unexplained(settings), TINY)
+    if not search.journal.admits(GROSS_SHARE, share, faults[best], explanation):
         return None
     effects = [*explanation.effects, faults[best]]
     theta = np.r_[start, np.zeros(sum(c.size for c in effects))]

@@ -12,7 +12,7 @@ from eitskin.diagnose.fitting.fit import Fit, Problem, fit
 from eitskin.diagnose.noise.whitening import Whitening
 from eitskin.diagnose.search import far_starts
 from eitskin.diagnose.search.explanation import Explanation
-from eitskin.diagnose.search.gates import EVIDENCE, TOLD
+from eitskin.diagnose.search.gates import EVIDENCE, SIZE
 from eitskin.diagnose.search.prediction import is_unlike
 from eitskin.diagnose.search.proposals import draw_null, global_p
 from eitskin.diagnose.search.refits import explain, from_far, linearised, rough
@@ -90,7 +90,7 @@ def another_instrument(
         return search, None
     in_blur, best = blurred(search, max(better, key=lambda trial: trial.log_evidence))
     resort = best.effects[len(explanation.effects)]
-    if not search.journal.admits(TOLD, size_sd(best.fit), resort, explanation):
+    if not search.journal.admits(SIZE, size_sd(best.fit), resort, explanation):
         return in_blur.restored(), None
     for effect in best.effects[len(explanation.effects) :]:
         search.journal.step("add", effect, best, best.p_values[effect.key])

@@ -22,6 +22,7 @@ from eitskin.diagnose.search.gates import (
     RACE,
     REACH,
     SIGNATURE,
+    STARTS,
     SURPRISE,
 )
 from eitskin.diagnose.search.journal import Refusal
@@ -38,7 +39,6 @@ from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.search.shortlist import shortlist
 from eitskin.quantities import number
 
-FAR_STARTS = 3  # of a name, no two of one depth or height, from which it is fitted from far
 TINY = 1e-300  # chi squared below which there is nothing to explain
 
 
@@ -334,8 +334,9 @@ def _far(search: Search, explanation: Explanation, listed: list[Score]) -> list[
         depth = next(iter(candidate.start.items()), ())
         if chi2 < of_name.get(depth, (np.inf, candidate))[0]:
             of_name[depth] = chi2, candidate
+    count = int(STARTS.threshold)
     return [
         Score(candidate, 0.0, 1, -np.inf)
         for of_name in starts.values()
-        for _, candidate in sorted(of_name.values(), key=lambda pair: pair[0])[:FAR_STARTS]
+        for _, candidate in sorted(of_name.values(), key=lambda pair: pair[0])[:count]
     ]

@@ -27,7 +27,15 @@ from eitskin.diagnose.noise.rig_errors import RigErrors
 from eitskin.diagnose.noise.scoring import ScoringCache
 from eitskin.diagnose.search import far_starts
 from eitskin.diagnose.search.explanation import Explanation, marginal_likelihood, occam_factor
-from eitskin.diagnose.search.gates import ASTRAY, BUDGET, ENTRY, GROSS_MISFIT, PHYSICS, SITES
+from eitskin.diagnose.search.gates import (
+    ASTRAY,
+    BUDGET,
+    ENTRY,
+    FORLORN,
+    GROSS_MISFIT,
+    PHYSICS,
+    SITES,
+)
 from eitskin.diagnose.search.journal import Refusal
 from eitskin.diagnose.search.prediction import misfit
 from eitskin.diagnose.search.search import Search
@@ -43,9 +51,6 @@ DISCREPANCY = "static-discrepancy"  # the component of one value a channel
 # Share of the readings that is left unexplained, as a far fit counts it: at most, so that it goes
 # somewhere; at least, for bodies are solved coarsely there.
 FAR_DISCREPANCY, COARSE_DISCREPANCY = 0.05, 3e-4
-# Nats by which a fit without its discrepancy is behind after one step, with what the next step
-# promises, at which it is not followed further.
-FORLORN = 150.0
 PROCESSES = 4  # fits at once, of which none knows what the others solve
 
 
@@ -75,7 +80,7 @@ def explain(
     behind -= 0.5 * promised(trial)
     if (
         trial is not named
-        and behind > FORLORN
+        and not FORLORN.admits(behind)
         and not GROSS_MISFIT.admits(misfit(search.problem, explanation))
     ):
         return explanation

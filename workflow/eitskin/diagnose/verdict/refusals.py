@@ -40,7 +40,7 @@ class Stop:
     @property
     def sentence(self) -> str:
         """What stopped the name, in words."""
-        threshold = number(self.gate.threshold)
+        threshold = number(self.gate.threshold, 2)
         text = self.gate.refusal.format(
             value=number(self.value), threshold=threshold, place=self.place
         )
@@ -128,7 +128,7 @@ def _named(entry: dict, decisions: pd.DataFrame) -> str:
     reasons = [
         BY_NAME[row.gate].refusal.format(
             value=number(row.value),
-            threshold=number(BY_NAME[row.gate].threshold),
+            threshold=number(BY_NAME[row.gate].threshold, 2),
             place=row.place,
         )
         for row in rows.itertuples()
