@@ -7,6 +7,7 @@ EVIDENCE = [
     "rivals.csv",
     "identifiability.csv",
     "search.csv",
+    "decisions.csv",
     "experiment.json",
 ]
 DIAGNOSIS_FIGURES = {
