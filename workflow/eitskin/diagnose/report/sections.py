@@ -193,7 +193,7 @@ def why_not(evidence: Evidence) -> str:
         " the values that the gate lets through. <code>eitskin explain</code> prints the same."
     )
     summary = f"Where the {len(rows)} other names of the catalogue stopped"
-    stops_table = table(heads, rows, ("value",), caption)
+    stops_table = table(heads, rows, ("value", "passes"), caption)
     return f"{head}\n<details><summary>{summary}</summary>\n{stops_table}\n</details>"
 
 
