@@ -1,7 +1,8 @@
 """Folders as a diagnosis leaves them, of simulated recordings: to test and to look at the report.
 
 The recordings, their residuals and the electrodes' rows of the atlas are computed; intervals,
-evidence, gaps, rivals and the next experiment are made up, so that the report has them to show.
+evidence, gaps, rivals, decisions and the next experiment are made up, so that the report has them
+to show.
 """
 
 import json
@@ -16,8 +17,10 @@ from scipy.stats import chi2
 
 from eitskin.data import recording
 from eitskin.data.recording import Recording, frames_table
+from eitskin.diagnose.search import gates
+from eitskin.diagnose.search.journal import Decision, Journal
 from eitskin.diagnose.verdict.words import finding
-from eitskin.effects import EFFECTS
+from eitskin.effects import EFFECTS, catalogue_names
 from eitskin.effects.effect import SITES
 from eitskin.effects.settings import settings, site_counts
 from eitskin.physics.forward import Forward
@@ -37,6 +40,7 @@ GAINS = {
 }
 KINDS = ("explained", "consistent", "untouched", "unexplained", "partly-explained")
 NOISE = 2e-4  # over the median reading
+UNMET = "touch-contrast"  # the name that met no gate
 RIG = {
     "components": [
         {
@@ -148,6 +152,7 @@ def diagnosed(folder: Path, kind: str = "explained") -> tuple[Path, Path]:
     _rivals(effects, rms).to_csv(evidence / "rivals.csv", index=False)
     _identifiability(draw, kind).to_csv(evidence / "identifiability.csv", index=False)
     _search(effects, rms).to_csv(evidence / "search.csv", index=False)
+    _decisions(effects).to_csv(evidence / "decisions.csv", index=False)
     _write_json(evidence / "experiment.json", _experiment(effects))
     return folder, path
 
@@ -302,6 +307,27 @@ def _search(effects: list[dict], rms: list[float]) -> pd.DataFrame:
     ]
     columns = ["step", "action", "effect", "sites", "chi2", "log_evidence", "p_value"]
     return pd.DataFrame(rows if effects else [], columns=columns)
+
+
+def _decisions(effects: list[dict]) -> pd.DataFrame:
+    """Every name that is no effect stops at one of three gates, but UNMET."""
+    beside = " ".join(effect["name"] for effect in effects)
+    names = sorted({*catalogue_names()} - {UNMET, *beside.split()})
+    decisions = []
+    for rank, name in enumerate(names, start=1):
+        kind = next(iter(EFFECTS[name].sites), "")
+        place = {"kind": kind, "sites": "2 5" if kind else "", "beside": beside, "place": ""}
+        for gate, value in (
+            (gates.NAMES, float(rank)),
+            (gates.EVIDENCE, 4.0 - rank),
+            (gates.PREDICTION, -0.7),
+        ):
+            admitted = gate.admits(value)
+            shared = {"round": 1, "name": name, "gate": gate.name, "detail": ""}
+            decisions.append(Decision(**shared, **place, value=value, admitted=admitted))
+            if not admitted:
+                break
+    return Journal(decisions=decisions).table()
 
 
 def _experiment(effects: list[dict]) -> dict:

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from eitskin.atomic import atomic_path
 from eitskin.diagnose.fitting.candidates import Candidate, Scales
-from eitskin.diagnose.report.figures import draw_change, scale
+from eitskin.diagnose.report.figures import draw_change_matrix, draw_scale
 from eitskin.diagnose.verdict.words import sites
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import Effect, LeakEffect, Setting
@@ -159,7 +159,7 @@ def draw(effect_picture: Picture) -> Figure:
         left_axes.set_ylabel("drive, source electrode")
         factor, unit = _unit(effect_picture.comparison)
         if effect_picture.of_touch:
-            draw_change(
+            draw_change_matrix(
                 figure, left_axes, effect_picture.channels, effect_picture.comparison / factor, unit
             )
         else:
@@ -167,9 +167,9 @@ def draw(effect_picture: Picture) -> Figure:
             norm = LogNorm(np.nanmin(cells), np.nanmax(cells))
             image = draw_matrix(left_axes, effect_picture.channels, cells, norm, SEQUENTIAL)
             left_axes.invert_yaxis()
-            scale(figure, left_axes, image, unit)
+            draw_scale(figure, left_axes, image, unit)
         factor, unit = _unit(effect_picture.change)
-        draw_change(
+        draw_change_matrix(
             figure, right_axes, effect_picture.channels, effect_picture.change / factor, unit
         )
     return figure

@@ -13,7 +13,11 @@ from eitskin import figure_files, plotting
 from eitskin.data import parquet
 from eitskin.diagnose.report import evidence
 from eitskin.diagnose.report.evidence import Evidence
-from eitskin.diagnose.report.figures import draw_matrices, layout, matrix_bar
+from eitskin.diagnose.report.figures import (
+    draw_residual_matrices,
+    draw_residual_scale,
+    electrode_layout,
+)
 from eitskin.diagnose.verdict.words import where
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import SITES
@@ -76,10 +80,10 @@ def picture(shown: Evidence, frames: pd.DataFrame, truth: dict) -> Figure:
         before = figure.add_subplot(grid[0, 0])
         pair = before, figure.add_subplot(grid[0, 2], sharey=before)
         texts = "as the owner simulates it", "corrected"
-        for axes, image, text in zip(pair, draw_matrices(pair, shown), texts, strict=True):
+        for axes, image, text in zip(pair, draw_residual_matrices(pair, shown), texts, strict=True):
             axes.set_title(f"{text},\n{axes.get_title()}", color=axes.title.get_color())
             label = "mean residual, in noise units;\na dash: well below 0"
-            matrix_bar(figure, image, [axes], label)
+            draw_residual_scale(figure, image, [axes], label)
         _skin(figure.add_subplot(grid[0, 1]), shown)
         _hidden(figure.add_subplot(grid[0, 3]), frames)
         _sentences(figure.add_subplot(grid[1, :]), shown, truth)
@@ -87,7 +91,7 @@ def picture(shown: Evidence, frames: pd.DataFrame, truth: dict) -> Figure:
 
 
 def _skin(axes: Axes, shown: Evidence) -> None:
-    angle, radius = layout(shown)
+    angle, radius = electrode_layout(shown)
     plotting.disc(axes, radius, angle)
     touched = shown.frames[shown.frames["touch"]][["x_mm", "y_mm"]].drop_duplicates()
     axes.plot(touched["x_mm"], touched["y_mm"], ".", color=QUIET, markersize=3)

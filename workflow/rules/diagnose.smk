@@ -7,6 +7,7 @@ EVIDENCE = [
     "rivals.csv",
     "identifiability.csv",
     "search.csv",
+    "decisions.csv",
     "experiment.json",
 ]
 DIAGNOSIS_FIGURES = {
@@ -182,7 +183,7 @@ rule comparison_page:
         mem_mb=500,
         runtime=5,
     params:
-        code=fingerprint("comparison_page", CATALOGUE),
+        code=fingerprint("comparison_page"),
     message:
         "Reporting what changed between {wildcards.a} and {wildcards.b}"
     script:

@@ -200,7 +200,6 @@ def test_numbers_do_not_know_the_style_of_figures():
     drawing = {script for script in SCRIPTS if "eitskin.plotting" in with_found(script)}
     assert drawing == {
         "block_figures",
-        "comparison_page",
         "concealed_case",
         "diagnosis_report",
         *(f"figure_{k}" for k in range(1, 5)),

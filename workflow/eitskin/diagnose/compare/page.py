@@ -4,7 +4,7 @@ from html import escape
 from pathlib import Path
 
 from eitskin.atomic import atomic_path
-from eitskin.diagnose.report.page import CSS
+from eitskin.diagnose.report.markup import document
 from eitskin.quantities import listed, number
 
 
@@ -34,11 +34,7 @@ def page(comparison: dict) -> str:
         " readings are e = 2.7 times more probable, with 10 nats 22000 times.</p>",
     ]
     body = "\n".join(lines)
-    return (
-        "<!DOCTYPE html>\n<html lang='en'>\n<head>\n<meta charset='utf-8'>\n"
-        "<meta name='viewport' content='width=device-width, initial-scale=1'>\n"
-        f"<title>{title}</title>\n<style>{CSS}</style>\n</head>\n<body>\n{body}\n</body>\n</html>\n"
-    )
+    return document(title, body)
 
 
 def write(comparison: dict, path: str | Path) -> None:

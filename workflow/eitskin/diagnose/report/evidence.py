@@ -10,7 +10,9 @@ import pandas as pd
 import pyarrow.compute as pc
 
 from eitskin.data import parquet, recording
+from eitskin.diagnose.verdict.refusals import BY_NAME
 from eitskin.diagnose.verdict.validation import validate
+from eitskin.diagnose.verdict.words import UNITS
 from eitskin.errors import InputError
 
 NUMBER, TEXT, FLAG = "numbers", "texts", "true or false"
@@ -50,150 +52,191 @@ TABLES = {
         "log_evidence": NUMBER,
         "p_value": NUMBER,
     },
+    "decisions": {
+        "round": NUMBER,
+        "name": TEXT,
+        "kind": TEXT,
+        "sites": TEXT,
+        "gate": TEXT,
+        "value": NUMBER,
+        "admitted": FLAG,
+        "beside": TEXT,
+        "place": TEXT,
+        "detail": TEXT,
+    },
 }
+OPTIONAL_TABLES = ("decisions",)  # that folders of earlier versions lack
 FRAME_ARRAYS = ("held_out", "time_s", "touch", "x_mm", "y_mm", "force_N", "probe_mm", "press")
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """A diagnosis of N frames of M channels, and what it rests on.
+    """A diagnosis of N frames of M channels with E effects, and what it rests on.
 
-    diagnosis: diagnosis.json; before, after (N, M): recording minus simulation in noise units, NaN
-    where lost; noise_V (M,), noise_dof, noise_source: the noise and how it was found; channels
-    (M, 4); frames: held_out (put aside before anything was looked at), time_s, touch, x_mm, y_mm
-    (of the skin), force_N, probe_mm, press, one row a frame; held_out_channels (M,): channels put
-    aside in place of frames; changes (E, M): what each effect changes, in noise units, in the frame
-    in which it changes most, changed_frame (E,) its row; none of either in folders of an earlier
-    version; tables by name, columns as in TABLES, NaN or "" where there is none;
-    experiment: sentence and pairs; predicted: time_s and the median std_V and |v| of a query, or
-    None; recording: the recording diagnosed; hashes: SHA-256 by file name.
+    diagnosis: the content of diagnosis.json; residual_before, residual_after (N, M): recording
+    minus simulation over the noise's sd, NaN where a reading is lost; noise_sd_V (M,), noise_dof,
+    noise_source: sd of a reading's noise, its degrees of freedom, and from what it was estimated;
+    channels (M, 4): electrodes; frames: held_out, time_s, touch, x_mm, y_mm (of the skin), force_N,
+    probe_mm, press, one row a frame; held_out_channels (M,): True for channels held out in place of
+    frames; effect_changes (E, M): what each effect changes, over the noise's sd, in the frame in
+    which it changes most, change_frames (E,): the row of that frame, both empty in folders of
+    earlier versions; tables: by name, columns as in TABLES, NaN or "" where a cell is empty,
+    without those of OPTIONAL_TABLES that the folder lacks; experiment: sentence and pairs;
+    prediction: time_s and the medians of std_V and |voltage_V| of each frame of a query, or None;
+    recording: the recording diagnosed; file_hashes: SHA-256 by file name.
     """
 
     diagnosis: dict
-    before: np.ndarray
-    after: np.ndarray
-    noise_V: np.ndarray
+    residual_before: np.ndarray
+    residual_after: np.ndarray
+    noise_sd_V: np.ndarray
     noise_dof: float
     noise_source: str
     channels: np.ndarray
     frames: pd.DataFrame
     held_out_channels: np.ndarray
-    changes: np.ndarray
-    changed_frame: np.ndarray
+    effect_changes: np.ndarray
+    change_frames: np.ndarray
     tables: dict[str, pd.DataFrame]
     experiment: dict
-    predicted: pd.DataFrame | None
+    prediction: pd.DataFrame | None
     recording: recording.Recording
-    hashes: dict[str, str]
+    file_hashes: dict[str, str]
+
+    @property
+    def has_rig_errors(self) -> bool:
+        """Whether errors of the rig are part of the noise."""
+        return bool(self.diagnosis.get("noise", {}).get("components"))
+
+    @property
+    def reading_unit(self) -> str:
+        """The unit of the readings, as text."""
+        return UNITS[self.recording.metadata["unit"]]
 
 
 def read(
     folder: str | Path,
     recording_path: str | Path,
     schema: str | Path,
-    predicted: str | Path | None = None,
+    prediction_path: str | Path | None = None,
 ) -> Evidence:
-    """Read the folder of a diagnosis, the recording that it is of and what it predicted of a query,
-    where there was one.
+    """Read the folder of a diagnosis, the recording that it is of, and predicted.parquet where the
+    diagnosis was given a query.
 
-    Raises InputError naming the file, the key or column, what was found and what was expected.
+    Raises InputError with the file, the key or column, what it holds and what was expected.
     """
     folder = Path(folder)
-    inside = folder / "evidence"
-    result = _json(folder / "diagnosis.json")
-    validate(result, schema, folder / "diagnosis.json")
-    experiment = _json(inside / "experiment.json")
-    _check_experiment(experiment, inside / "experiment.json")
-    tables = {name: _table(inside / f"{name}.csv", columns) for name, columns in TABLES.items()}
-    taken = [Path(recording_path), folder / "diagnosis.json", folder / "effects.yaml"]
-    taken += [] if predicted is None else [Path(predicted)]
-    taken += [inside / "residuals.npz", *(inside / f"{name}.csv" for name in TABLES)]
-    taken.append(inside / "experiment.json")
+    evidence_folder = folder / "evidence"
+    diagnosis = _json(folder / "diagnosis.json")
+    validate(diagnosis, schema, folder / "diagnosis.json")
+    experiment = _json(evidence_folder / "experiment.json")
+    _check_experiment(experiment, evidence_folder / "experiment.json")
+    table_paths = {name: evidence_folder / f"{name}.csv" for name in TABLES}
+    for name in OPTIONAL_TABLES:
+        if not table_paths[name].is_file():
+            del table_paths[name]
+    tables = {name: _table(path, TABLES[name]) for name, path in table_paths.items()}
+    if "decisions" in tables:
+        _check_gates(tables["decisions"], table_paths["decisions"])
+    paths = [Path(recording_path), folder / "diagnosis.json", folder / "effects.yaml"]
+    paths += [] if prediction_path is None else [Path(prediction_path)]
+    paths += [evidence_folder / "residuals.npz", *table_paths.values()]
+    paths.append(evidence_folder / "experiment.json")
     return Evidence(
-        diagnosis=result,
-        **_residuals(inside / "residuals.npz"),
+        diagnosis=diagnosis,
+        **_residuals(evidence_folder / "residuals.npz"),
         tables=tables,
         experiment=experiment,
-        predicted=None if predicted is None else _predicted(Path(predicted)),
+        prediction=None if prediction_path is None else _prediction(Path(prediction_path)),
         recording=recording.read(recording_path),
-        hashes={path.name: _sha256(path) for path in taken},
+        file_hashes={path.name: _sha256(path) for path in paths},
     )
 
 
 def _json(path: Path) -> dict:
     try:
-        return json.loads(_there(path).read_text(encoding="utf-8"))
+        return json.loads(_existing(path).read_text(encoding="utf-8"))
     except ValueError as error:
         raise InputError(path, "file", str(error), "JSON") from error
 
 
-def _there(path: Path) -> Path:
+def _existing(path: Path) -> Path:
     if not path.is_file():
         raise InputError(path, "file", "no such file", "one that the diagnosis wrote")
     return path
 
 
 def _sha256(path: Path) -> str:
-    return hashlib.sha256(_there(path).read_bytes()).hexdigest()
+    return hashlib.sha256(_existing(path).read_bytes()).hexdigest()
 
 
 def _residuals(path: Path) -> dict:
     """The fields of Evidence that residuals.npz holds."""
-    with np.load(_there(path), allow_pickle=False) as file:
+    with np.load(_existing(path), allow_pickle=False) as file:
         arrays = {name: file[name] for name in file.files}
     shape = arrays["before"].shape if "before" in arrays else (0, 0)
     arrays.setdefault("held_out_channels", np.zeros(shape[1], bool))
     arrays.setdefault("changes", np.zeros((0, shape[1])))
     arrays.setdefault("changed_frame", np.zeros(0, int))
-    expected = {"before": shape, "after": shape, "noise_V": shape[1:], "channels": (*shape[1:], 4)}
-    expected |= {"noise_source": (), "noise_dof": (), "held_out_channels": shape[1:]}
-    expected |= {"changes": (len(arrays["changed_frame"]), shape[1])}
-    expected |= dict.fromkeys(FRAME_ARRAYS, shape[:1])
-    for name, size in expected.items():
+    shapes = {"before": shape, "after": shape, "noise_V": shape[1:], "channels": (*shape[1:], 4)}
+    shapes |= {"noise_source": (), "noise_dof": (), "held_out_channels": shape[1:]}
+    shapes |= {"changes": (len(arrays["changed_frame"]), shape[1])}
+    shapes |= dict.fromkeys(FRAME_ARRAYS, shape[:1])
+    for name, expected_shape in shapes.items():
         if name not in arrays:
             raise InputError(path, name, "nothing", "an array")
-        if arrays[name].shape != size:
-            raise InputError(path, name, f"shape {arrays[name].shape}", f"{size}")
+        if arrays[name].shape != expected_shape:
+            raise InputError(path, name, f"shape {arrays[name].shape}", f"{expected_shape}")
     frames = pd.DataFrame({name: arrays[name] for name in FRAME_ARRAYS})
     return {
-        "before": arrays["before"],
-        "after": arrays["after"],
-        "noise_V": arrays["noise_V"],
+        "residual_before": arrays["before"],
+        "residual_after": arrays["after"],
+        "noise_sd_V": arrays["noise_V"],
         "noise_dof": float(arrays["noise_dof"]),
         "noise_source": str(arrays["noise_source"]),
         "channels": arrays["channels"],
         "frames": frames.astype({"held_out": bool}),
         "held_out_channels": arrays["held_out_channels"].astype(bool),
-        "changes": arrays["changes"],
-        "changed_frame": arrays["changed_frame"],
+        "effect_changes": arrays["changes"],
+        "change_frames": arrays["changed_frame"],
     }
 
 
-def _table(path: Path, columns: dict[str, str]) -> pd.DataFrame:
-    texts = [name for name, kind in columns.items() if kind != NUMBER]
-    table = pd.read_csv(_there(path), dtype=dict.fromkeys(texts, str))
-    if list(table) != list(columns):
-        raise InputError(path, "columns", ", ".join(table), ", ".join(columns))
-    for name, kind in columns.items():
+def _table(path: Path, column_kinds: dict[str, str]) -> pd.DataFrame:
+    """A CSV file with these columns; empty cells are NaN in columns of numbers, else ""."""
+    text_columns = [name for name, kind in column_kinds.items() if kind != NUMBER]
+    table = pd.read_csv(_existing(path), dtype=dict.fromkeys(text_columns, str))
+    if list(table) != list(column_kinds):
+        raise InputError(path, "columns", ", ".join(table), ", ".join(column_kinds))
+    for name, kind in column_kinds.items():
         if kind == NUMBER:
             table[name] = _numbers(path, table[name])
             continue
         table[name] = table[name].fillna("")
         if kind == FLAG:
-            for row, value in enumerate(table[name]):
-                if value not in ("True", "False"):
-                    raise InputError(path, f"column {name}, row {row}", repr(value), "True, False")
+            for row, cell in enumerate(table[name]):
+                if cell not in ("True", "False"):
+                    raise InputError(path, f"column {name}, row {row}", repr(cell), "True, False")
             table[name] = table[name] == "True"
     return table
 
 
 def _numbers(path: Path, column: pd.Series) -> pd.Series:
+    """A column as float64; raises InputError for a cell that is neither a number nor empty."""
     numbers = pd.to_numeric(column, errors="coerce").astype(float)
-    wrong = np.flatnonzero(numbers.isna() & column.notna())
-    if wrong.size:
-        place = f"column {column.name}, row {wrong[0]}"
-        raise InputError(path, place, repr(column[wrong[0]]), "a number, or nothing")
+    text_rows = np.flatnonzero(numbers.isna() & column.notna())
+    if text_rows.size:
+        place = f"column {column.name}, row {text_rows[0]}"
+        raise InputError(path, place, repr(column[text_rows[0]]), "a number, or nothing")
     return numbers
+
+
+def _check_gates(decisions: pd.DataFrame, path: Path) -> None:
+    """Raise InputError for a decision at a gate that this version does not have."""
+    for row, name in enumerate(decisions["gate"]):
+        if name not in BY_NAME:
+            expected = f"a gate: {', '.join(BY_NAME)}"
+            raise InputError(path, f"column gate, row {row}", repr(name), expected)
 
 
 def _check_experiment(experiment: dict, path: Path) -> None:
@@ -205,12 +248,12 @@ def _check_experiment(experiment: dict, path: Path) -> None:
             raise InputError(path, f"pairs[{k}]", sorted(pair), f"the keys {sorted(keys)}")
 
 
-def _predicted(path: Path) -> pd.DataFrame:
-    """One row a frame: time_s, the median |v| and the median of its standard deviation, V."""
+def _prediction(path: Path) -> pd.DataFrame:
+    """One row a frame: time_s, the medians over the channels of |voltage_V| and of its sd std_V."""
     table = parquet.read(path, ["time_s", "voltage_V", "std_V"])
     columns = {"time_s": table["time_s"].to_numpy()}
     for name in ("voltage_V", "std_V"):
         flat = pc.list_flatten(table[name].combine_chunks()).to_numpy(zero_copy_only=False)
-        size = np.abs(flat.reshape(table.num_rows, -1))
-        columns[name] = np.nanmedian(size, axis=1)
+        magnitude = np.abs(flat.reshape(table.num_rows, -1))
+        columns[name] = np.nanmedian(magnitude, axis=1)
     return pd.DataFrame(columns)

@@ -25,9 +25,11 @@ from eitskin.plotting import (
     CENTRED,
     CULPRIT,
     DIVERGING,
+    ELECTRODE,
     MARKERS,
     PLAIN,
     QUIET,
+    RIM,
     SEQUENTIAL,
     STEPS,
     column,
@@ -40,20 +42,33 @@ from eitskin.plotting import (
 )
 from eitskin.quantities import MINUS, number, power
 
-MOST_VECTORS = 3000  # dots of a figure; more are drawn as an image
-MOST_CHORDS = 8  # drives or measuring pairs of one effect that are drawn
-TAG_STEP = 0.19  # between numbers at one electrode, in radii of the skin
-MOST_TAGS = 3  # at one electrode or pair; of more the last tells how many more
-LABEL = 54  # characters of a line under the ring
-MOST_RIVALS = 5  # of one effect
-BINS = 10
-FALLEN = 0.05  # of the largest change: a fall that is told from no change
-APART = 10  # times: matrices whose limits differ by more have a scale of colours each
-LEAST_GAP, LINEAR_GAP = 0.1, 30.0  # of the axis of gaps; above the latter it is logarithmic
-PALEST = 1 / 3  # of the colours' limit: residuals within it may be noise
-TITLES = (("before", BEFORE), ("after", AFTER))
-LABEL_ROOM = 1.8  # times: left free at both ends of the axis of what was held out
-SHOWN = 0.97  # of the channels lie within the colours of the residual matrix
+TITLES = (("before", BEFORE), ("after", AFTER))  # of pairs of panels, and their colours
+DASHED: tuple[float, tuple[int, int]] = (0, (4, 2))  # the line of what noise alone gives
+MOST_VECTOR_DOTS = 3000  # of a figure: with more elements in its SVG a browser is slow
+RING_MM = 76.0  # height of the ring with its numbers, in a column of 85 mm
+LINE_MM = 4.0  # of text under the ring, at 7 points
+LINE_CHARACTERS = 54  # that fit in a line under the ring, at 7 points
+NUMBER_RADIUS = 1.13  # of an electrode's number, in radii of the skin: clear of its arc
+TAG_STEP = 0.19  # between numbered discs at one electrode, in radii of the skin: they do not touch
+MOST_TAGS = 3  # at one electrode or pair, for there is no room for more; the last counts the rest
+CHORD_RADIUS = 0.93  # of a pair's ends, in radii of the skin: clear of the electrodes' arcs
+MOST_CHORDS = 8  # drives or measuring pairs of one effect: with more, chords hide one another
+MOST_RIVALS = 5  # of one effect: the figure stays within half a page of paper
+BINS = 10  # of frames over an axis of the misfit: a line of ten dots is read at a glance
+# Share of the channels within the colours of a residual matrix: outliers do not set the limit.
+COLOUR_QUANTILE = 0.97
+# Ratio up to which two matrices share their colours; above, one of them has none but the palest.
+LARGEST_SCALE_RATIO = 10
+PALEST_SHARE = 1 / 3  # of the colours' limit: residuals within it may be noise
+FALL_SHARE = 0.05  # of the largest change: smaller falls look like no change
+# Areas of all dashes of a row, points²: by the widths of half a column and of a whole panel.
+DASH_POINTS, CHANGE_DASH_POINTS = 18.0, 50.0
+REFERENCE = "#202020"  # nearly black: what is neither before nor after
+DASH = "#404040"  # dark enough for every cell that is lighter than half the limit
+SMALLEST_GAP = 0.1  # on a logarithmic axis, which has no 0
+LARGEST_LINEAR_GAP = 30.0  # ten times the gap of one class: beyond, a linear axis hides that class
+GAP_ROOM = 1.25  # largest gap to the end of its axis: room for its number
+MISFIT_LABEL_ROOM = 1.8  # value to the ends of the axis of held-out misfits: room for its number
 
 
 def draw(evidence: Evidence) -> dict[str, Figure | str]:
@@ -65,160 +80,188 @@ def draw(evidence: Evidence) -> dict[str, Figure | str]:
         return {name: function(evidence) for name, function in FIGURES.items()}
 
 
-def electrodes(evidence: Evidence) -> Figure:
-    """The ring of electrodes, seen from the touched side; culprits marked, touches as dots."""
-    angle, radius = layout(evidence)
-    effects, labels = _numbered(evidence.diagnosis)
-    marked = {
-        k: effect["electrodes"] if 2 * len(effect["electrodes"]) <= len(angle) else []
-        for k, effect in effects
+def electrode_ring(evidence: Evidence) -> Figure:
+    """The ring of electrodes, seen from the touched side: named sites marked, touches as dots."""
+    electrode_deg, radius = electrode_layout(evidence)
+    effects, lines = _numbered_effects(evidence.diagnosis)
+    marked_electrodes = {
+        label: effect["electrodes"] if 2 * len(effect["electrodes"]) <= len(electrode_deg) else []
+        for label, effect in effects
     }
-    named = [e for chosen in marked.values() for e in chosen]
-    most = min(max(map(named.count, named), default=0), MOST_TAGS)
-    outer = 1.2 + TAG_STEP * most
-    text_mm = 4.0 * (1 + len(labels))
-    figure = column(76 + text_mm)
+    marks = [site for electrodes in marked_electrodes.values() for site in electrodes]
+    tag_count = min(max(map(marks.count, marks), default=0), MOST_TAGS)
+    outer = 1.2 + TAG_STEP * tag_count
+    text_mm = LINE_MM * (1 + len(lines))
+    height_mm = RING_MM + text_mm
+    figure = column(height_mm)
     figure.set_layout_engine("none")
-    axes = figure.add_axes((0, text_mm / (76 + text_mm), 1, 76 / (76 + text_mm)))
+    axes = figure.add_axes((0, text_mm / height_mm, 1, RING_MM / height_mm))
     axes.set_aspect("equal")
     axes.set_axis_off()
     axes.set(xlim=(-outer, outer), ylim=(-outer, outer))
-    axes.add_patch(Circle((0, 0), 1, facecolor="#f6f6f6", edgecolor="#404040", linewidth=0.8))
-    for k, effect in effects:
+    axes.add_patch(Circle((0, 0), 1, facecolor="#f6f6f6", edgecolor=RIM, linewidth=0.8))
+    for label, effect in effects:
         if "name" in effect and EFFECTS[effect["name"]].disc:
-            _draw_patch(axes, effect["parameters"], radius, k)
-    frames = evidence.frames[evidence.frames["touch"]]
-    places = frames[["x_mm", "y_mm"]].drop_duplicates() / radius
-    many = len(places) > MOST_VECTORS
-    axes.scatter(places["x_mm"], places["y_mm"], s=5, color=QUIET, linewidths=0, rasterized=many)
-    rim = np.exp(1j * np.radians(angle))
-    for electrode, z in enumerate(rim):
-        culprit = electrode in named
-        colour = CULPRIT if culprit else "#202020"
-        arc = z * np.exp(1j * np.linspace(-1, 1, 9) * min(0.07, 1.2 / len(rim)))
-        axes.plot(arc.real, arc.imag, color=colour, linewidth=5 if culprit else 3.2)
-        weight = "bold" if culprit else "normal"
-        at = 1.13 * z
-        axes.text(at.real, at.imag, str(electrode), color=colour, weight=weight, **CENTRED)
-    for electrode in set(named):
-        at = [k for k, chosen in marked.items() if electrode in chosen]
-        _tags(axes, (1.15 + TAG_STEP) * rim[electrode], TAG_STEP * rim[electrode], at)
+            _draw_patch(axes, effect["parameters"], radius, label)
+    touched_frames = evidence.frames[evidence.frames["touch"]]
+    places = touched_frames[["x_mm", "y_mm"]].drop_duplicates() / radius
+    is_image = len(places) > MOST_VECTOR_DOTS
+    dots: dict[str, Any] = {"s": 5, "color": QUIET, "linewidths": 0, "rasterized": is_image}
+    axes.scatter(places["x_mm"], places["y_mm"], **dots)
+    rim = np.exp(1j * np.radians(electrode_deg))
+    _draw_electrodes(axes, rim, marks)
+    for electrode in set(marks):
+        labels = [
+            label for label, electrodes in marked_electrodes.items() if electrode in electrodes
+        ]
+        direction = rim[electrode]
+        _draw_tags(axes, (1.15 + TAG_STEP) * direction, TAG_STEP * direction, labels)
     _draw_pairs(axes, effects, rim, evidence.channels)
     notes = ["seen from the touched side", "dots: touches" if len(places) else "no touches"]
     if evidence.recording.skin.electrode_deg is None:
         notes.append("angles unknown, drawn evenly")
-    line = 4.0 / (76 + text_mm)
-    figure.text(0.5, line * (len(labels) + 0.5), "; ".join(notes), color=QUIET, **CENTRED)
-    for k, label in enumerate(reversed(labels)):
-        figure.text(0.03, line * (k + 0.5), label, color=CULPRIT, va="center")
+    line_height = LINE_MM / height_mm
+    note_y = line_height * (len(lines) + 0.5)
+    figure.text(0.5, note_y, "; ".join(notes), color=QUIET, **CENTRED)
+    for k, line in enumerate(reversed(lines)):
+        figure.text(0.03, line_height * (k + 0.5), line, color=CULPRIT, va="center")
     return figure
 
 
-def _numbered(diagnosis: dict) -> tuple[list[tuple[int | str, dict]], list[str]]:
-    """What is named, and what has no name where that is likely, by its number; lines that tell it
-    in words."""
+def _draw_electrodes(axes: Axes, rim: np.ndarray, marks: list[int]) -> None:
+    """An arc and its number for each electrode; rim (n,): their places on the unit circle."""
+    for electrode, place in enumerate(rim):
+        is_marked = electrode in marks
+        colour = CULPRIT if is_marked else ELECTRODE
+        arc = place * np.exp(1j * np.linspace(-1, 1, 9) * min(0.07, 1.2 / len(rim)))
+        axes.plot(arc.real, arc.imag, color=colour, linewidth=5 if is_marked else 3.2)
+        weight = "bold" if is_marked else "normal"
+        label = NUMBER_RADIUS * place
+        axes.text(label.real, label.imag, str(electrode), color=colour, weight=weight, **CENTRED)
+
+
+def _numbered_effects(diagnosis: dict) -> tuple[list[tuple[int | str, dict]], list[str]]:
+    """The effects, and what has no name where that is likely, each with its label, a number or a
+    question mark; lines of text that name them."""
     effects: list[tuple[int | str, dict]] = list(enumerate(diagnosis["effects"], start=1))
-    other = diagnosis["other"]
-    told = [
-        f"{k}  {'' if certain(effect) else 'perhaps '}{effect['name']}: {where(effect)}"
-        for k, effect in effects
+    remainder = diagnosis["other"]
+    texts = [
+        f"{label}  {'' if certain(effect) else 'perhaps '}{effect['name']}: {where(effect)}"
+        for label, effect in effects
     ]
-    if not NOTHING_UNNAMED.admits(other["probability"]):
-        effects.append(("?", other | {"channels": []}))
-        told.append(f"?  no name: {sites(other) or 'no single site'}")
-    fold = textwrap.TextWrapper(LABEL, subsequent_indent="     ", break_on_hyphens=False)
-    return effects, [line for text in told for line in fold.wrap(text)]
+    if not NOTHING_UNNAMED.admits(remainder["probability"]):
+        effects.append(("?", remainder | {"channels": []}))
+        texts.append(f"?  no name: {sites(remainder) or 'no single site'}")
+    wrapper = textwrap.TextWrapper(
+        LINE_CHARACTERS, subsequent_indent="     ", break_on_hyphens=False
+    )
+    return effects, [line for text in texts for line in wrapper.wrap(text)]
 
 
-def layout(evidence: Evidence) -> tuple[np.ndarray, float]:
+def electrode_layout(evidence: Evidence) -> tuple[np.ndarray, float]:
     """Angles (n,) deg of the electrodes, evenly where unknown, and the skin's radius, mm; where
     that is unknown, one that holds every touch."""
-    skin, calibrated = evidence.recording.skin, evidence.diagnosis["calibration"]
-    known = skin.electrode_deg
-    angle = even_angles(evidence.recording.n_electrodes) if known is None else known
-    radius = skin.radius_mm or calibrated.get("radius_mm", {}).get("value")
+    skin, calibration = evidence.recording.skin, evidence.diagnosis["calibration"]
+    electrode_deg: Any = skin.electrode_deg
+    if electrode_deg is None:
+        electrode_deg = even_angles(evidence.recording.n_electrodes)
+    radius = skin.radius_mm or calibration.get("radius_mm", {}).get("value")
     if radius is None:
         reach = np.hypot(evidence.frames["x_mm"], evidence.frames["y_mm"]).max()
         radius = 1.2 * reach if reach > 0 else 1.0
-    return np.asarray(angle, float), float(radius)
+    return np.asarray(electrode_deg, float), float(radius)
 
 
-def _draw_patch(axes: Axes, parameters: dict, radius: float, k: int | str) -> None:
+def _draw_patch(axes: Axes, parameters: dict, radius: float, label: int | str) -> None:
+    """The disc of an effect that has one, with its label; radius: of the skin, mm."""
     x, y, size = (parameters[key]["value"] / radius for key in ("x_mm", "y_mm", "radius_mm"))
     axes.add_patch(Circle((x, y), size, facecolor=CULPRIT, alpha=0.25, linewidth=0))
-    _tag(axes, complex(x, y), k)
+    _draw_tag(axes, complex(x, y), label)
 
 
 def _draw_pairs(axes: Axes, effects: list, rim: np.ndarray, channels: np.ndarray) -> None:
-    """The pairs that an effect is on as chords with its number: drives as arrows, measuring pairs
-    dashed; none for an effect on many."""
-    taken: dict[tuple[int, int], list[int | str]] = {}
-    for k, effect in effects:
-        pairs = []
-        for kind, ends in (("drives", (0, 1)), ("measures", (2, 3))):
-            chosen = np.isin(channels[:, ends[0]], effect[kind])
-            if len(effect[kind]) <= MOST_CHORDS:
-                pairs += [(kind, *p) for p in np.unique(channels[chosen][:, ends], axis=0)]
-        if len(effect["channels"]) <= MOST_CHORDS // 2:
-            for source, sink, plus, minus in channels[effect["channels"]]:
-                pairs += [("drives", source, sink), ("measures", plus, minus)]
-        for kind, first, last in pairs:
-            a, b = 0.93 * rim[first], 0.93 * rim[last]
-            drive = kind == "drives"
+    """The pairs that an effect is on as chords with its number, drives as arrows, measuring pairs
+    dotted; none for an effect on more than MOST_CHORDS."""
+    pair_labels: dict[tuple[int, int], list[int | str]] = {}
+    for label, effect in effects:
+        for kind, start, end in _effect_pairs(effect, channels):
+            a, b = CHORD_RADIUS * rim[start], CHORD_RADIUS * rim[end]
+            is_drive = kind == "drives"
             line = {"color": CULPRIT, "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0}
-            line |= {"arrowstyle": "-|>" if drive else "-", "linestyle": "-" if drive else ":"}
+            line |= {"arrowstyle": "-|>" if is_drive else "-"}
+            line |= {"linestyle": "-" if is_drive else ":"}
             axes.annotate("", (b.real, b.imag), (a.real, a.imag), arrowprops=line)
-            taken.setdefault((first, last), []).append(k)
-    for (first, last), numbers in taken.items():
-        a, b = 0.93 * rim[first], 0.93 * rim[last]
+            pair_labels.setdefault((start, end), []).append(label)
+    for (start, end), labels in pair_labels.items():
+        a, b = CHORD_RADIUS * rim[start], CHORD_RADIUS * rim[end]
         middle = 0.5 * (a + b) if abs(a + b) > 0.5 else 0.3 * a
-        _tags(axes, 0.93 * middle, -TAG_STEP * middle, numbers)
+        _draw_tags(axes, 0.93 * middle, -TAG_STEP * middle, labels)
 
 
-def _tags(axes: Axes, at: complex, step: complex, numbers: Sequence[int | str]) -> None:
-    """Numbers one beside another, from a place on; of more than MOST_TAGS how many more."""
-    if len(numbers) > MOST_TAGS:
-        numbers = [*numbers[: MOST_TAGS - 1], f"+{len(numbers) - MOST_TAGS + 1}"]
-    for level, k in enumerate(numbers):
-        _tag(axes, at + level * step, k)
+def _effect_pairs(effect: dict, channels: np.ndarray) -> list[tuple[str, int, int]]:
+    """The drives and measuring pairs that an effect is on: kind and two electrodes each."""
+    pairs: list[tuple[str, int, int]] = []
+    for kind, columns in (("drives", (0, 1)), ("measures", (2, 3))):
+        affected = np.isin(channels[:, columns[0]], effect[kind])
+        if len(effect[kind]) <= MOST_CHORDS:
+            pairs += [(kind, *pair) for pair in np.unique(channels[affected][:, columns], axis=0)]
+    if len(effect["channels"]) <= MOST_CHORDS // 2:  # a channel is two chords
+        for source, sink, plus, minus in channels[effect["channels"]]:
+            pairs += [("drives", source, sink), ("measures", plus, minus)]
+    return pairs
 
 
-def _tag(axes: Axes, at: complex, text: object) -> None:
+def _draw_tags(axes: Axes, place: complex, step: complex, labels: Sequence[int | str]) -> None:
+    """Labels in discs, one beside another from a place on; of more than MOST_TAGS the rest is
+    counted."""
+    if len(labels) > MOST_TAGS:
+        labels = [*labels[: MOST_TAGS - 1], f"+{len(labels) - MOST_TAGS + 1}"]
+    for k, label in enumerate(labels):
+        _draw_tag(axes, place + k * step, label)
+
+
+def _draw_tag(axes: Axes, place: complex, label: int | str) -> None:
     box = {"boxstyle": "circle,pad=0.2", "facecolor": CULPRIT, "edgecolor": "white"}
     white: dict[str, Any] = {"color": "white", "weight": "bold", "fontsize": 6}
-    axes.text(at.real, at.imag, str(text), bbox=box | {"linewidth": 0.5}, **white, **CENTRED)
+    axes.text(place.real, place.imag, str(label), bbox=box | {"linewidth": 0.5}, **white, **CENTRED)
 
 
 def residual_matrix(evidence: Evidence) -> Figure:
     """Mean residual of every channel over the frames, in noise units, before and after."""
     figure = column(58)
     row = figure.subplots(1, 2, sharey=True)
-    images = draw_matrices(row, evidence)
-    if one_scale(images):
+    images = draw_residual_matrices(row, evidence)
+    if share_colours(images):
         label = f"recording {MINUS} simulation, mean over the frames,\n"
-        matrix_bar(figure, images[0], row, f"{label}in units of the noise of a reading")
+        draw_residual_scale(figure, images[0], row, f"{label}in units of the noise of a reading")
     else:
+        label = "mean residual, in noise units;\na scale of its own"
         for axes, image in zip(row, images, strict=True):
-            matrix_bar(figure, image, [axes], "mean residual, in noise units;\na scale of its own")
+            draw_residual_scale(figure, image, [axes], label)
     return figure
 
 
-def draw_matrices(row: Sequence[Axes], evidence: Evidence) -> list[QuadMesh]:
+def draw_residual_matrices(row: Sequence[Axes], evidence: Evidence) -> list[QuadMesh]:
     """`residual_matrix` on two axes that share y, before and after, in one scale of colours unless
-    they are far APART; a dash where the recording is well below the simulation."""
-    panels = [matrix(evidence.channels, _mean(r)) for r in (evidence.before, evidence.after)]
-    quiet = 10 / np.sqrt(len(evidence.frames))  # noise alone stays in the palest third
+    their limits differ by more than LARGEST_SCALE_RATIO; a dash where the recording is well below
+    the simulation."""
+    residuals = evidence.residual_before, evidence.residual_after
+    panels = [matrix(evidence.channels, _frame_mean(residual)) for residual in residuals]
+    # Means of noise alone, of sd 1 / sqrt(N), stay in the palest third.
+    noise_limit = 10 / np.sqrt(len(evidence.frames))
     limits = [
-        _rounded_up(max(quiet, float(np.nanquantile(np.abs(panel), SHOWN)))) for panel in panels
+        _rounded_up(max(noise_limit, float(np.nanquantile(np.abs(panel), COLOUR_QUANTILE))))
+        for panel in panels
     ]
-    if max(limits) <= APART * min(limits):
+    if max(limits) <= LARGEST_SCALE_RATIO * min(limits):
         limits = [max(limits)] * 2
     images = []
-    for axes, panel, limit, (title, colour) in zip(row, panels, limits, TITLES, strict=True):
+    for axes, panel, limit, residual, (title, colour) in zip(
+        row, panels, limits, residuals, TITLES, strict=True
+    ):
         norm = Normalize(-limit, limit)
         images.append(draw_matrix(axes, evidence.channels, panel, norm, DIVERGING))
-        _dash_falls(axes, panel, limit, PALEST, 18.0)
-        residual = evidence.before if title == "before" else evidence.after
+        _draw_dashes(axes, panel, -PALEST_SHARE * limit, limit, DASH_POINTS)
         rms = number(float(np.sqrt(np.nanmean(residual**2))))
         axes.set_title(f"{title}: rms {rms}", color=colour)
     row[0].set_ylabel("drive, source electrode")
@@ -226,140 +269,139 @@ def draw_matrices(row: Sequence[Axes], evidence: Evidence) -> list[QuadMesh]:
     return images
 
 
-def _rounded_up(value: float) -> float:
-    """To one digit, so that a half of it is written with two."""
-    ten = 10.0 ** np.floor(np.log10(value))
-    return float(np.ceil(value / ten) * ten)
+def _rounded_up(limit: float) -> float:
+    """A limit rounded up to one digit, so that half of it is written with two."""
+    power_of_ten = 10.0 ** np.floor(np.log10(limit))
+    return float(np.ceil(limit / power_of_ten) * power_of_ten)
 
 
-def one_scale(images: Sequence[QuadMesh]) -> bool:
-    """Whether what `draw_matrices` drew shares its colours."""
+def share_colours(images: Sequence[QuadMesh]) -> bool:
+    """Whether matrices have the same limits of colours."""
     return len({image.get_clim() for image in images}) == 1
 
 
-def matrix_bar(figure: Figure, image: QuadMesh, beside: Sequence[Axes], label: str) -> None:
-    """The colours' scale of `draw_matrices`, under some axes."""
+def draw_residual_scale(figure: Figure, image: QuadMesh, row: Sequence[Axes], label: str) -> None:
+    """The scale of colours of `draw_residual_matrices`, under the axes of a row."""
     limit = image.get_clim()[1]
     assert limit is not None
-    several = len(beside) > 1
-    place: dict[str, Any] = {"location": "bottom", "aspect": 40 if several else 20, "shrink": 0.8}
-    bar = figure.colorbar(image, ax=beside, pad=0.03, extend="both", **place)
-    ticks = [share * limit for share in ((-1, -0.5, 0.0, 0.5, 1) if several else (-1, 0.0, 1))]
+    is_wide = len(row) > 1
+    place: dict[str, Any] = {"location": "bottom", "aspect": 40 if is_wide else 20, "shrink": 0.8}
+    bar = figure.colorbar(image, ax=row, pad=0.03, extend="both", **place)
+    ticks = [share * limit for share in ((-1, -0.5, 0.0, 0.5, 1) if is_wide else (-1, 0.0, 1))]
     bar.set_ticks(ticks, labels=[number(tick, 2) for tick in ticks])
     bar.set_label(label)
     bar.outline.set_linewidth(0.4)
 
 
-def changes(evidence: Evidence) -> list[Figure | None]:
+def draw_changes(evidence: Evidence) -> list[Figure | None]:
     """What each effect changes in the frame in which it changes most, to stand beside it; None
-    where it changes nothing that is known."""
+    where all changes are 0 or unknown."""
     with style():
         return [
-            _change(evidence.channels, change) if np.nan_to_num(change).any() else None
-            for change in evidence.changes
+            _change_figure(evidence.channels, change) if np.nan_to_num(change).any() else None
+            for change in evidence.effect_changes
         ]
 
 
-def _change(channels: np.ndarray, change: np.ndarray) -> Figure:
+def _change_figure(channels: np.ndarray, change: np.ndarray) -> Figure:
     figure = sheet(50, 58)
     axes = figure.add_subplot()
-    draw_change(figure, axes, channels, change, "in units of the noise of a reading")
+    draw_change_matrix(figure, axes, channels, change, "in units of the noise of a reading")
     axes.set_ylabel("drive, source electrode")
     return figure
 
 
-def draw_change(
-    figure: Figure, axes: Axes, channels: np.ndarray, value: np.ndarray, label: str
+def draw_change_matrix(
+    figure: Figure, axes: Axes, channels: np.ndarray, change: np.ndarray, label: str
 ) -> None:
     """A change (M,) of every channel (M, 4), symmetric colours, dashes where it falls, and its
     scale below."""
-    cells = matrix(channels, value)
+    cells = matrix(channels, change)
     limit = float(np.nanmax(np.abs(cells)))
     image = draw_matrix(axes, channels, cells, Normalize(-limit, limit), DIVERGING)
     axes.invert_yaxis()
-    _dash_falls(axes, cells, limit, FALLEN, 50.0)
-    scale(figure, axes, image, label)
+    _draw_dashes(axes, cells, -FALL_SHARE * limit, limit, CHANGE_DASH_POINTS)
+    draw_scale(figure, axes, image, label)
 
 
-def _dash_falls(axes: Axes, cells: np.ndarray, limit: float, least: float, size: float) -> None:
-    """A dash in each cell that is below 0 by more than a share `least` of the colours' limit, so
-    that print and eyes without colours have its sign; size: of all dashes of a row, points."""
-    row, place = np.nonzero(cells < -least * limit)
-    colours = np.where(cells[row, place] < -limit / 2, "white", "#404040")
-    axes.scatter(place, row, marker="_", c=colours, s=size / max(cells.shape), linewidths=0.5)
+def _draw_dashes(
+    axes: Axes, cells: np.ndarray, threshold: float, limit: float, points: float
+) -> None:
+    """A dash in each cell below a threshold, so that print and eyes without colours have its sign.
+
+    limit: of the colours; points: area of all dashes of a row, points².
+    """
+    row, column_index = np.nonzero(cells < threshold)
+    colours = np.where(cells[row, column_index] < -limit / 2, "white", DASH)
+    size = points / max(cells.shape)
+    axes.scatter(column_index, row, marker="_", c=colours, s=size, linewidths=0.5)
 
 
-def scale(figure: Figure, axes: Axes, image: QuadMesh, label: str) -> None:
-    """The colours' scale under one matrix, its ends and its middle told."""
+def draw_scale(figure: Figure, axes: Axes, image: QuadMesh, label: str) -> None:
+    """The scale of colours under one matrix, with numbers at its ends and its middle."""
     bar = figure.colorbar(image, ax=axes, location="bottom", aspect=22, shrink=0.9, pad=0.03)
-    ticks = [float(one) for one in bar.norm.inverse(np.array([0.0, 0.5, 1.0]))]
-    bar.set_ticks(ticks, labels=[number(one, 2) for one in ticks])
+    ticks = [float(tick) for tick in bar.norm.inverse(np.array([0.0, 0.5, 1.0]))]
+    bar.set_ticks(ticks, labels=[number(tick, 2) for tick in ticks])
     bar.ax.minorticks_off()
     bar.set_label(label)
     bar.outline.set_linewidth(0.4)
 
 
-def _mean(residual: np.ndarray) -> np.ndarray:
+def _frame_mean(residual: np.ndarray) -> np.ndarray:
     """(M,): mean over the frames; NaN for a channel that was always lost."""
     count = np.isfinite(residual).sum(axis=0)
     return np.nansum(residual, axis=0) / np.where(count, count, np.nan)
 
 
 def misfit_force(evidence: Evidence) -> Figure | str:
-    """Chi2 per reading of each frame against the force."""
+    """Chi squared per reading of each frame against the force."""
     force = evidence.frames["force_N"].to_numpy(float)
     if not evidence.frames["touch"].any():
         return "No frame was touched: there is no misfit against force."
     if np.isnan(force[evidence.frames["touch"]]).all():
         return "Nobody measured the force: there is no misfit against it."
-    return _misfit(evidence, force, "force, N (0: untouched)")
+    return _misfit_figure(evidence, force, "force, N (0: untouched)")
 
 
 def misfit_time(evidence: Evidence) -> Figure | str:
-    """Chi2 per reading of each frame against time."""
+    """Chi squared per reading of each frame against time."""
     if len(evidence.frames) == 1:
         return "One frame was diagnosed: there is no misfit against time."
     if evidence.recording.metadata["clock"] == "index":
-        figure = _misfit(evidence, np.arange(len(evidence.frames), dtype=float), "frame")
+        figure = _misfit_figure(evidence, np.arange(len(evidence.frames), dtype=float), "frame")
         figure.axes[0].xaxis.set_major_locator(MaxNLocator("auto", integer=True))
         return figure
-    return _misfit(evidence, evidence.frames["time_s"].to_numpy(float), "time, s")
+    return _misfit_figure(evidence, evidence.frames["time_s"].to_numpy(float), "time, s")
 
 
 def misfit_place(evidence: Evidence) -> Figure | str:
-    """Chi2 per reading of the touches at each place, a map over the skin."""
-    known = evidence.frames[["x_mm", "y_mm"]].notna().all(axis=1)
-    chi2 = _chi2(evidence)
-    touch = (evidence.frames["touch"] & known).to_numpy() & np.isfinite(chi2).all(axis=0)
-    if not touch.any():
+    """Chi squared per reading of the touches at each place, a map over the skin."""
+    has_place = evidence.frames[["x_mm", "y_mm"]].notna().all(axis=1)
+    chi2 = _chi2_per_reading(evidence)
+    is_mapped = (evidence.frames["touch"] & has_place).to_numpy() & np.isfinite(chi2).all(axis=0)
+    if not is_mapped.any():
         return "No touch of known place, force and probe: there is no map of the misfit."
-    angle, radius = layout(evidence)
-    table = evidence.frames.loc[touch, ["x_mm", "y_mm"]]
-    table = table.assign(**{t: c[touch] for (t, _), c in zip(TITLES, chi2, strict=True)})
-    places = table.groupby(["x_mm", "y_mm"], as_index=False).mean()
-    shown = places[["before", "after"]].to_numpy()
-    low, high = min(0.5, 0.9 * max(shown.min(), 1e-3)), max(2.0, 1.1 * shown.max())
+    electrode_deg, radius = electrode_layout(evidence)
+    touches = evidence.frames.loc[is_mapped, ["x_mm", "y_mm"]]
+    columns = {title: misfit[is_mapped] for (title, _), misfit in zip(TITLES, chi2, strict=True)}
+    places = touches.assign(**columns).groupby(["x_mm", "y_mm"], as_index=False).mean()
+    misfits = places[["before", "after"]].to_numpy()
+    # Colours hold all places, and 1, which noise alone gives, lies well within them.
+    low, high = min(0.5, 0.9 * max(misfits.min(), 1e-3)), max(2.0, 1.1 * misfits.max())
     norm = LogNorm(low, high)
     figure = column(56)
     figure.set_layout_engine("compressed", w_pad=0.02, h_pad=0.02)  # of maps of equal scales
     row = figure.subplots(1, 2, sharey=True)
-    rim = radius * np.exp(1j * np.radians(angle))
-    circle = radius * np.exp(2j * np.pi * np.linspace(0, 1, 181))
-    size = float(np.clip(2500 / len(places), 3, 28))
+    dots: dict[str, Any] = {
+        "s": float(np.clip(2500 / len(places), 3, 28)),  # points²: the dots of a grid do not touch
+        "cmap": matplotlib.colormaps[SEQUENTIAL].resampled(STEPS),
+        "linewidths": 0.2,
+        "edgecolors": RIM,
+        "rasterized": len(places) > MOST_VECTOR_DOTS,
+    }
     for axes, (title, colour) in zip(row, TITLES, strict=True):
-        axes.plot(circle.real, circle.imag, color="#404040", linewidth=0.6)
-        axes.plot(rim.real, rim.imag, "s", color="#202020", markersize=2)
-        image = axes.scatter(
-            places["x_mm"],
-            places["y_mm"],
-            s=size,
-            c=places[title],
-            norm=norm,
-            cmap=matplotlib.colormaps[SEQUENTIAL].resampled(STEPS),
-            linewidths=0.2,
-            edgecolors="#404040",
-            rasterized=len(places) > MOST_VECTORS,
-        )
+        _draw_outline(axes, electrode_deg, radius)
+        image = axes.scatter(places["x_mm"], places["y_mm"], c=places[title], norm=norm, **dots)
         axes.set_aspect("equal")
         axes.set_title(title, color=colour)
         axes.set_xlabel("x, mm")
@@ -371,39 +413,50 @@ def misfit_place(evidence: Evidence) -> Figure | str:
     return figure
 
 
-def _chi2(evidence: Evidence) -> list[np.ndarray]:
+def _draw_outline(axes: Axes, electrode_deg: np.ndarray, radius: float) -> None:
+    """The skin's rim and its electrodes, mm."""
+    rim = radius * np.exp(1j * np.radians(electrode_deg))
+    circle = radius * np.exp(2j * np.pi * np.linspace(0, 1, 181))
+    axes.plot(circle.real, circle.imag, color=RIM, linewidth=0.6)
+    axes.plot(rim.real, rim.imag, "s", color=ELECTRODE, markersize=2)
+
+
+def _chi2_per_reading(evidence: Evidence) -> list[np.ndarray]:
     """Before and after (N,): mean square of each frame's residuals in noise units, NaN where all
     are lost."""
-    found = []
-    for residual in (evidence.before, evidence.after):
+    chi2 = []
+    for residual in (evidence.residual_before, evidence.residual_after):
         count = np.isfinite(residual).sum(axis=1)
-        found.append(np.nansum(residual**2, axis=1) / np.where(count, count, np.nan))
-    return found
+        chi2.append(np.nansum(residual**2, axis=1) / np.where(count, count, np.nan))
+    return chi2
 
 
-def _misfit(evidence: Evidence, x: np.ndarray, label: str) -> Figure:
+def _misfit_figure(evidence: Evidence, x: np.ndarray, label: str) -> Figure:
+    """The misfit of each frame against x (N,), and its means over BINS."""
     figure = column(48)
     axes = figure.add_subplot()
-    values = _chi2(evidence)
-    for y, (title, colour), width, marker in zip(values, TITLES, (2.2, 1.2), MARKERS, strict=True):
-        many = len(x) > MOST_VECTORS
-        axes.plot(x, y, ".", color=colour, markersize=3.4, alpha=0.4, mew=0, rasterized=many)
-        centre, mean = _binned(x, y)
+    misfits = _chi2_per_reading(evidence)
+    is_image = len(x) > MOST_VECTOR_DOTS
+    for y, (title, colour), width, marker in zip(misfits, TITLES, (2.2, 1.2), MARKERS, strict=True):
+        dots: dict[str, Any] = {"color": colour, "markersize": 3.4, "rasterized": is_image}
+        axes.plot(x, y, ".", alpha=0.4, mew=0, **dots)
+        centre, mean = _bin_means(x, y)
         line: dict[str, Any] = {"color": colour, "linewidth": width, "markersize": 3}
         axes.plot(centre, mean, f"-{marker}", label=title, **line)
-    axes.axhline(1, color="#202020", linewidth=0.7, linestyle=(0, (4, 2)), label="noise alone")
+    axes.axhline(1, color=REFERENCE, linewidth=0.7, linestyle=DASHED, label="noise alone")
     axes.set_xlabel(label)
     axes.set_ylabel("χ² per reading")
     axes.set_yscale("log")
-    log_limits(axes.yaxis, np.concatenate(values), power)
+    log_limits(axes.yaxis, np.concatenate(misfits), power)
     figure.legend(loc="outside upper center", ncols=3, borderpad=0.1, columnspacing=1.5)
     return figure
 
 
-def _binned(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean x and y of as many frames each; of each x by itself where there are few different."""
-    known = np.isfinite(x) & np.isfinite(y)
-    x, y = x[known], y[known]
+def _bin_means(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean x and y of BINS bins with equally many frames; where x takes no more values than that,
+    of the frames at each value."""
+    is_finite = np.isfinite(x) & np.isfinite(y)
+    x, y = x[is_finite], y[is_finite]
     values, label = np.unique(x, return_inverse=True)
     if len(values) > BINS:
         label = np.empty(len(x), int)
@@ -412,83 +465,80 @@ def _binned(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.bincount(label, x) / count, np.bincount(label, y) / count
 
 
-def learned(evidence: Evidence) -> bool:
-    """Whether errors of the rig are part of the noise."""
-    return bool(evidence.diagnosis.get("noise", {}).get("components"))
-
-
-def held_out(evidence: Evidence) -> Figure:
-    """Chi2 per degree of freedom of what was held out, before and after; noise gives 1. Hollow:
-    against white noise alone, where errors of the rig are told."""
-    fit = evidence.diagnosis["fit"]["held_out"]
-    values = [fit[f"chi2_per_dof_{title}"] for title, _ in TITLES]
-    keys = [f"white_chi2_per_dof_{title}" for title, _ in TITLES]
-    white = [fit[key] for key in keys] if learned(evidence) else []
-    figure = column(32 if white else 26)
+def held_out_misfit(evidence: Evidence) -> Figure:
+    """Chi squared per degree of freedom of the readings held out, before and after; noise gives 1.
+    Hollow: against white noise alone, where errors of the rig are part of the noise."""
+    scores = evidence.diagnosis["fit"]["held_out"]
+    misfits = [scores[f"chi2_per_dof_{title}"] for title, _ in TITLES]
+    white_misfits = []
+    if evidence.has_rig_errors:
+        white_misfits = [scores[f"white_chi2_per_dof_{title}"] for title, _ in TITLES]
+    figure = column(32 if white_misfits else 26)
     axes = figure.add_subplot()
-    axes.axvline(1, color="#202020", linewidth=0.7, linestyle=(0, (4, 2)))
-    for y, value, (_, colour), marker in zip((1, 0), white, TITLES, MARKERS, strict=False):
-        axes.plot(value, y, marker, color=colour, markersize=6, markerfacecolor="white")
-    for y, value, (_, colour), marker in zip((1, 0), values, TITLES, MARKERS, strict=True):
-        axes.plot([1, value], [y, y], color=colour, linewidth=0.8, alpha=0.6, zorder=1)
-        axes.plot(value, y, marker, color=colour, markersize=6)
-        above: dict[str, Any] = {
+    axes.axvline(1, color=REFERENCE, linewidth=0.7, linestyle=DASHED)
+    for y, misfit, (_, colour), marker in zip((1, 0), white_misfits, TITLES, MARKERS, strict=False):
+        axes.plot(misfit, y, marker, color=colour, markersize=6, markerfacecolor="white")
+    for y, misfit, (_, colour), marker in zip((1, 0), misfits, TITLES, MARKERS, strict=True):
+        axes.plot([1, misfit], [y, y], color=colour, linewidth=0.8, alpha=0.6, zorder=1)
+        axes.plot(misfit, y, marker, color=colour, markersize=6)
+        place: dict[str, Any] = {
             "xytext": (0, 4),
             "textcoords": "offset points",
             "ha": "center",
             "va": "bottom",
         }
-        text = number(value)
-        axes.annotate(text, (value, y), color=colour, weight="bold", bbox=PLAIN, **above)
+        text = number(misfit)
+        axes.annotate(text, (misfit, y), color=colour, weight="bold", bbox=PLAIN, **place)
     axes.set_xscale("log")
-    reach = np.array([*values, *white, min(values) / LABEL_ROOM])
-    log_limits(axes.xaxis, reach, power, room=LABEL_ROOM)
-    if white:
-        dot: dict[str, Any] = {"marker": "o", "color": "#202020", "linestyle": "", "markersize": 5}
+    span = np.array([*misfits, *white_misfits, min(misfits) / MISFIT_LABEL_ROOM])
+    log_limits(axes.xaxis, span, power, room=MISFIT_LABEL_ROOM)
+    if white_misfits:
+        dot: dict[str, Any] = {"marker": "o", "color": REFERENCE, "linestyle": "", "markersize": 5}
         hollow: dict[str, Any] = {"markerfacecolor": "white", "label": "white noise alone"}
         dots = [Line2D([], [], **dot, label="noise and rig"), Line2D([], [], **dot, **hollow)]
         figure.legend(handles=dots, loc="outside upper center", ncols=2, borderpad=0.1)
     axes.set(ylim=(-0.5, 1.8), yticks=[1, 0], yticklabels=[title for title, _ in TITLES])
-    expected = "noise and rig" if white else "noise"
-    axes.set_xlabel(f"held-out χ² per degree of freedom; {expected} alone: 1")
+    source = "noise and rig" if white_misfits else "noise"
+    axes.set_xlabel(f"held-out χ² per degree of freedom; {source} alone: 1")
     for tick, (_, colour) in zip(axes.get_yticklabels(), TITLES, strict=True):
         tick.set_color(colour)
     return figure
 
 
 def rivals(evidence: Evidence) -> Figure | str:
-    """Chi2 of frames held out in turn, of all that is named, with an effect taken out again, and
-    with another name in its place."""
+    """Chi squared of frames held out in turn: of all effects, without one of them, and with another
+    name in its place."""
     table = evidence.tables["rivals"]
     if table.empty:
         return "No effect was named: there is none to take out or to replace."
-    of_none = table["effect"] == ""
-    rows = [("all that is named", v, None, AFTER) for v in table["chi2_per_dof"][of_none]]
-    for effect, group in table[~of_none].groupby("effect", sort=False):
-        out = group["instead"] == "nothing"
-        for _, row in group[out].iterrows():
+    is_whole_set = table["effect"] == ""
+    misfits = table["chi2_per_dof"][is_whole_set]
+    rows = [("all that is named", misfit, None, AFTER) for misfit in misfits]
+    for effect, group in table[~is_whole_set].groupby("effect", sort=False):
+        is_removal = group["instead"] == "nothing"
+        for _, row in group[is_removal].iterrows():
             rows.append((f"without {effect}", row["chi2_per_dof"], row["elpd_difference"], BEFORE))
-        best = group[~out].sort_values("elpd_difference", ascending=False, kind="stable")
-        for _, row in best.head(MOST_RIVALS).iterrows():
+        ranking = group[~is_removal].sort_values("elpd_difference", ascending=False, kind="stable")
+        for _, row in ranking.head(MOST_RIVALS).iterrows():
             name = f"{row['instead']} instead"
             rows.append((name, row["chi2_per_dof"], row["elpd_difference"], QUIET))
     figure = column(12 + 6.5 * len(rows))
     axes = figure.add_subplot()
     axes.spines["left"].set_visible(False)
-    axes.axvline(1, color="#202020", linewidth=0.7, linestyle=(0, (4, 2)))
-    for y, (name, value, elpd, colour) in enumerate(rows):
-        axes.plot([rows[0][1], value], [y, y], color=colour, linewidth=0.8, alpha=0.6)
-        axes.plot(value, y, "o", color=colour, markersize=4)
-        text = number(value) if elpd is None else f"{number(value)} ({number(elpd)} nats)"
-        above: dict[str, Any] = {
+    axes.axvline(1, color=REFERENCE, linewidth=0.7, linestyle=DASHED)
+    for y, (name, misfit, elpd, colour) in enumerate(rows):
+        axes.plot([rows[0][1], misfit], [y, y], color=colour, linewidth=0.8, alpha=0.6)
+        axes.plot(misfit, y, "o", color=colour, markersize=4)
+        text = number(misfit) if elpd is None else f"{number(misfit)} ({number(elpd)} nats)"
+        place: dict[str, Any] = {
             "textcoords": ("axes fraction", "data"),
             "va": "center",
             "color": colour,
         }
-        axes.annotate(name, (value, y), xytext=(0, y - 0.45), ha="left", bbox=PLAIN, **above)
-        axes.annotate(text, (value, y), xytext=(1, y - 0.45), ha="right", bbox=PLAIN, **above)
+        axes.annotate(name, (misfit, y), xytext=(0, y - 0.45), ha="left", bbox=PLAIN, **place)
+        axes.annotate(text, (misfit, y), xytext=(1, y - 0.45), ha="right", bbox=PLAIN, **place)
     axes.set_xscale("log")
-    log_limits(axes.xaxis, np.array([value for _, value, *_ in rows]), power)
+    log_limits(axes.xaxis, np.array([misfit for _, misfit, *_ in rows]), power)
     axes.set(ylim=(len(rows) - 0.6, -0.8), yticks=[])
     axes.set_xlabel("χ² per degree of freedom, held out in turn")
     return figure
@@ -502,24 +552,24 @@ def next_experiment(evidence: Evidence) -> Figure | str:
     figure = column(20 + 8 * len(pairs))
     axes = figure.add_subplot()
     gaps = np.array([[pair["gap_now"], pair["gap_then"]] for pair in pairs])
-    if 1.25 * gaps.max() > LINEAR_GAP:
-        gaps = np.maximum(gaps, LEAST_GAP)
+    if GAP_ROOM * gaps.max() > LARGEST_LINEAR_GAP:
+        gaps = np.maximum(gaps, SMALLEST_GAP)
         axes.set_xscale("log")
-        log_limits(axes.xaxis, gaps, power, room=1.25)
+        log_limits(axes.xaxis, gaps, power, room=GAP_ROOM)
     else:
-        axes.set_xlim(0, 1.25 * max(DISTINCT.threshold, gaps.max()))
+        axes.set_xlim(0, GAP_ROOM * max(DISTINCT.threshold, gaps.max()))
     axes.axvspan(axes.get_xlim()[0], DISTINCT.threshold, color="#e4e4e4", linewidth=0)
     for y, (pair, ends) in enumerate(zip(pairs, gaps, strict=True)):
-        arrow = {"arrowstyle": "-|>", "color": "#202020", "linewidth": 1, "shrinkA": 3}
+        arrow = {"arrowstyle": "-|>", "color": REFERENCE, "linewidth": 1, "shrinkA": 3}
         axes.annotate("", (ends[1], y), (ends[0], y), arrowprops=arrow | {"shrinkB": 3})
-        axes.plot(ends[0], y, "o", color="#202020", markersize=5, markerfacecolor="white")
-        axes.plot(ends[1], y, "o", color="#202020", markersize=5)
-        for word, at, height in zip(("now", "then"), ends, (5, -11), strict=True):
-            across = axes.transLimits.transform(axes.transScale.transform((at, y)))[0]
-            side = "left" if across < 0.1 else "right" if across > 0.9 else "center"
+        axes.plot(ends[0], y, "o", color=REFERENCE, markersize=5, markerfacecolor="white")
+        axes.plot(ends[1], y, "o", color=REFERENCE, markersize=5)
+        for word, gap, height in zip(("now", "then"), ends, (5, -11), strict=True):
+            x = axes.transLimits.transform(axes.transScale.transform((gap, y)))[0]
+            side = "left" if x < 0.1 else "right" if x > 0.9 else "center"
             text = f"{word} {number(pair[f'gap_{word}'], 2)}"
             place: dict[str, Any] = {"xytext": (0, height), "textcoords": "offset points"}
-            axes.annotate(text, (at, y), fontsize=6.5, ha=side, **place)
+            axes.annotate(text, (gap, y), fontsize=6.5, ha=side, **place)
     axes.set(ylim=(len(pairs) - 0.3, -0.7), yticks=range(len(pairs)))
     axes.set_yticklabels([f"{pair['a']}\nor {pair['b']}" for pair in pairs])
     axes.set_xlabel("gap, in noise units")
@@ -527,12 +577,12 @@ def next_experiment(evidence: Evidence) -> Figure | str:
 
 
 FIGURES = {
-    "electrodes": electrodes,
+    "electrodes": electrode_ring,
     "residual_matrix": residual_matrix,
     "misfit_force": misfit_force,
     "misfit_time": misfit_time,
     "misfit_place": misfit_place,
-    "held_out": held_out,
+    "held_out": held_out_misfit,
     "rivals": rivals,
     "next_experiment": next_experiment,
 }

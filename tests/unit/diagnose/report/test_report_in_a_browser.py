@@ -15,6 +15,7 @@ from headless import CUT, OUTSIDE, PALE, WIDER, headless, opened
 PAGES = ("compared", "untouched", "full")
 WIDTHS = (360, 800, 1400)
 PAPER = 680  # px: A4 between margins of 15 mm
+UNFOLDED = "() => document.querySelectorAll('details').forEach(each => each.open = true)"
 LEAST = 4.5  # contrast of text that everyone reads: WCAG 2, AA
 
 
@@ -65,10 +66,11 @@ def chromium():
 
 @pytest.fixture(scope="module", params=PAGES)
 def shown(request, chromium, tmp_path_factory):
-    """Each of PAGES, opened once."""
+    """Each of PAGES, opened once, all of it unfolded."""
     path = written(request.param, tmp_path_factory.mktemp(request.param))
-    with opened(chromium, path) as found:
-        yield found
+    with opened(chromium, path) as document:
+        document.page.evaluate(UNFOLDED)
+        yield document
 
 
 def test_it_is_whole_at_every_width(shown):

@@ -2,7 +2,7 @@
 
 import json
 import re
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 from html import unescape
 from html.parser import HTMLParser
@@ -18,22 +18,26 @@ from diagnosed_skin import (
     KINDS,
     RIG,
     SCHEMA,
+    UNMET,
     diagnosed,
     with_every_effect,
     with_rig,
 )
 from eitskin import plotting
-from eitskin.diagnose.report import evidence, figures, page
-from eitskin.diagnose.verdict import rig_words
+from eitskin.diagnose.report import figures, page
+from eitskin.diagnose.report.answer import omitted_frames
+from eitskin.diagnose.report.evidence import read
+from eitskin.diagnose.search.journal import Decision
+from eitskin.diagnose.verdict import refusals, rig_words
 from eitskin.diagnose.verdict.conclusion import OF_A_PART
-from eitskin.effects import EFFECTS
+from eitskin.effects import EFFECTS, catalogue_names
 from eitskin.errors import InputError
-from eitskin.quantities import MINUS
+from eitskin.quantities import MINUS, NONE, number
 
 VOID = {"meta", "br"}
-RULES = Path(__file__).parents[3] / "workflow" / "rules" / "diagnose.smk"
+RULES = Path(__file__).parents[4] / "workflow" / "rules" / "diagnose.smk"
 TITLES = {"before": "s", "after": "o"}  # and the markers of their means
-CAPTIONS = Path(__file__).parents[3] / "workflow" / "report"
+CAPTIONS = Path(__file__).parents[4] / "workflow" / "report"
 
 
 class Page(HTMLParser):
@@ -171,20 +175,20 @@ def test_candidates_are_not_told_as_findings(written, rig):
 
 
 def test_which_frames_took_no_part_is_told(written):
-    found = evidence.read(written["explained"], *_rest(written["explained"]))
-    assert page._took_part(found) == []
-    few = found.frames.copy()
+    evidence = read(written["explained"], *_rest(written["explained"]))
+    assert omitted_frames(evidence) == []
+    few = evidence.frames.copy()
     few.loc[few.index[few["touch"]][:2], "force_N"] = np.nan
     few = few.iloc[:-1]
     count, touched = len(few), few["touch"].sum()
-    assert page._took_part(replace(found, frames=few)) == [
+    assert omitted_frames(replace(evidence, frames=few)) == [
         f"An excerpt was diagnosed: {count} of {count + 1} frames.",
         f"Of {touched} touched frames 2 took no part: their place, force or probe is not known.",
     ]
 
 
 def test_what_was_put_aside_is_told(written, rig):
-    frames = evidence.read(written["explained"], *_rest(written["explained"])).frames
+    frames = read(written["explained"], *_rest(written["explained"])).frames
     count = frames["held_out"].sum()
     assert 0 < count < len(frames)
     text = Page(page_of(written, "explained")).text
@@ -199,12 +203,12 @@ def test_what_was_put_aside_is_told(written, rig):
 
 def test_hollow_dots_are_against_white_noise(written, rig):
     for folder, factors in ((written["partly-explained"], [1, 1]), (rig, [1, 1, 3, 3])):
-        found = evidence.read(folder, *_rest(folder))
-        fit = found.diagnosis["fit"]["held_out"]
+        evidence = read(folder, *_rest(folder))
+        fit = evidence.diagnosis["fit"]["held_out"]
         after, before = fit["chi2_per_dof_after"], fit["chi2_per_dof_before"]
         dots = [
             float(line.get_xdata()[0])
-            for line in figures.draw(found)["held_out"].axes[0].lines
+            for line in figures.draw(evidence)["held_out"].axes[0].lines
             if line.get_marker() in plotting.MARKERS
         ]
         expected = np.array(factors) * ([before, after] * 2)[: len(factors)]
@@ -220,8 +224,8 @@ def test_folders_of_an_earlier_version_are_read(tmp_path):
     for name in ("held_out_channels", "changes", "changed_frame"):
         del arrays[name]
     np.savez(path, **arrays | {"held_out": np.zeros_like(arrays["held_out"])})
-    found = evidence.read(folder, *_rest(folder))
-    assert not found.held_out_channels.any() and len(found.held_out_channels) == 208
+    evidence = read(folder, *_rest(folder))
+    assert not evidence.held_out_channels.any() and len(evidence.held_out_channels) == 208
     assert "put aside" not in Page(rewritten(folder)).text
 
 
@@ -261,39 +265,44 @@ def test_what_an_effect_changes_stands_beside_its_sentence(written):
     assert any(
         key == "aria-label" and value.startswith(caption) for _, key, value in parsed.attributes
     )
-    found = evidence.read(written["explained"], *_rest(written["explained"]))
-    (figure,) = figures.changes(found)
+    evidence = read(written["explained"], *_rest(written["explained"]))
+    (figure,) = figures.draw_changes(evidence)
     cells = figure.axes[0].collections[0].get_array()
-    k = int(np.nanargmax(np.abs(found.changes[0])))
-    assert cells[CHANNELS[k, 0], CHANNELS[k, 2]] == pytest.approx(found.changes[0, k])
+    k = int(np.nanargmax(np.abs(evidence.effect_changes[0])))
+    assert cells[CHANNELS[k, 0], CHANNELS[k, 2]] == pytest.approx(evidence.effect_changes[0, k])
     low, high = figure.axes[0].collections[0].get_clim()
-    assert -low == high == pytest.approx(abs(found.changes[0, k]))
+    assert -low == high == pytest.approx(abs(evidence.effect_changes[0, k]))
     for unknown in (np.nan, 0.0):
-        assert figures.changes(replace(found, changes=0.0 * found.changes + unknown)) == [None]
+        assert figures.draw_changes(
+            replace(evidence, effect_changes=0.0 * evidence.effect_changes + unknown)
+        ) == [None]
 
 
 def test_before_and_after_are_drawn_from_the_residuals(written):
-    found = evidence.read(written["explained"], *_rest(written["explained"]))
-    drawn = figures.draw(found)
+    evidence = read(written["explained"], *_rest(written["explained"]))
+    drawn = figures.draw(evidence)
     titles = [axes.get_title() for axes in drawn["residual_matrix"].axes[:2]]
-    rms = [float(np.sqrt(np.nanmean(r**2))) for r in (found.before, found.after)]
+    rms = [
+        float(np.sqrt(np.nanmean(r**2)))
+        for r in (evidence.residual_before, evidence.residual_after)
+    ]
     assert [float(title.rpartition(" ")[2]) for title in titles] == pytest.approx(rms, rel=5e-3)
     before, after = (axes.collections[0].get_array() for axes in drawn["residual_matrix"].axes[:2])
-    k = int(np.nanargmax(np.abs(np.nanmean(found.before, axis=0))))
+    k = int(np.nanargmax(np.abs(np.nanmean(evidence.residual_before, axis=0))))
     source, _, plus, _ = CHANNELS[k]
-    assert before[source, plus] == pytest.approx(np.nanmean(found.before[:, k]))
-    assert after[source, plus] == pytest.approx(np.nanmean(found.after[:, k]))
+    assert before[source, plus] == pytest.approx(np.nanmean(evidence.residual_before[:, k]))
+    assert after[source, plus] == pytest.approx(np.nanmean(evidence.residual_after[:, k]))
     assert before.mask.sum() == 16 * 16 - len(CHANNELS)
     lines = drawn["misfit_time"].axes[0].lines
-    assert lines[0].get_ydata() == pytest.approx(np.nanmean(found.before**2, axis=1))
+    assert lines[0].get_ydata() == pytest.approx(np.nanmean(evidence.residual_before**2, axis=1))
     assert {lines[0].get_color(), lines[1].get_color()} == {plotting.BEFORE}
 
 
 @pytest.mark.parametrize("kind", ["explained", "unexplained"])
 def test_no_text_of_a_figure_is_cut(written, kind):
-    found = evidence.read(written[kind], *_rest(written[kind]))
+    evidence = read(written[kind], *_rest(written[kind]))
     with plotting.style():
-        for name, figure in figures.draw(found).items():
+        for name, figure in figures.draw(evidence).items():
             if isinstance(figure, str):
                 continue
             figure.canvas.draw()
@@ -306,8 +315,8 @@ def test_no_text_of_a_figure_is_cut(written, kind):
 
 
 def test_nothing_in_a_figure_is_told_by_colour_alone(written):
-    found = evidence.read(written["explained"], *_rest(written["explained"]))
-    drawn = figures.draw(found)
+    evidence = read(written["explained"], *_rest(written["explained"]))
+    drawn = figures.draw(evidence)
     for name in ("misfit_force", "misfit_time"):
         lines = [line for line in drawn[name].axes[0].lines if line.get_label() in TITLES]
         assert [(line.get_label(), line.get_marker()) for line in lines] == [*TITLES.items()]
@@ -321,44 +330,46 @@ def test_nothing_in_a_figure_is_told_by_colour_alone(written):
 
 
 def test_matrices_far_apart_have_a_scale_each(written):
-    found = evidence.read(written["explained"], *_rest(written["explained"]))
+    evidence = read(written["explained"], *_rest(written["explained"]))
     for factor, bars in ((1.0, 1), (100.0, 2)):
-        drawn = figures.draw(replace(found, before=factor * found.before))["residual_matrix"]
+        drawn = figures.draw(replace(evidence, residual_before=factor * evidence.residual_before))[
+            "residual_matrix"
+        ]
         limits = [axes.collections[0].get_clim()[1] for axes in drawn.axes[:2]]
         assert len(drawn.axes) == 2 + bars and len(set(limits)) == bars
         assert all(float(f"{limit:.0e}") == pytest.approx(limit) for limit in limits)
 
 
 def test_a_long_gap_leaves_the_shaded_band_in_sight(written):
-    found = evidence.read(written["explained"], *_rest(written["explained"]))
+    evidence = read(written["explained"], *_rest(written["explained"]))
     for then, scale in ((14.6, "linear"), (900.0, "log")):
-        pair = {**found.experiment["pairs"][0], "gap_now": 0.0, "gap_then": then}
-        drawn = figures.next_experiment(replace(found, experiment={"pairs": [pair]}))
+        pair = {**evidence.experiment["pairs"][0], "gap_now": 0.0, "gap_then": then}
+        drawn = figures.next_experiment(replace(evidence, experiment={"pairs": [pair]}))
         (axes,) = drawn.axes
         assert axes.get_xscale() == scale
         assert [text.get_text() for text in axes.texts if text.get_text()] == [
             "now 0",
-            f"then {figures.number(then, 2)}",
+            f"then {number(then, 2)}",
         ]
 
 
 def test_one_frame_has_no_misfit_against_time_and_frames_are_whole(written):
-    found = evidence.read(written["explained"], *_rest(written["explained"]))
-    for key in ("frames", "before", "after"):
-        found = replace(found, **{key: getattr(found, key)[:2]})
-    indexed = replace(found.recording, metadata=found.recording.metadata | {"clock": "index"})
-    ticks = figures.misfit_time(replace(found, recording=indexed)).axes[0].get_xticks()
+    evidence = read(written["explained"], *_rest(written["explained"]))
+    for key in ("frames", "residual_before", "residual_after"):
+        evidence = replace(evidence, **{key: getattr(evidence, key)[:2]})
+    indexed = replace(evidence.recording, metadata=evidence.recording.metadata | {"clock": "index"})
+    ticks = figures.misfit_time(replace(evidence, recording=indexed)).axes[0].get_xticks()
     assert (ticks == np.round(ticks)).all()
-    assert "One frame" in figures.misfit_time(replace(found, frames=found.frames[:1]))
+    assert "One frame" in figures.misfit_time(replace(evidence, frames=evidence.frames[:1]))
 
 
 def test_long_lists_and_many_numbers_stay_in_the_figure(written):
-    found = evidence.read(written["explained"], *_rest(written["explained"]))
-    one = found.diagnosis["effects"][0] | {"electrodes": [2, 5, 7, 9, 10, 15], "certain": False}
+    evidence = read(written["explained"], *_rest(written["explained"]))
+    one = evidence.diagnosis["effects"][0] | {"electrodes": [2, 5, 7, 9, 10, 15], "certain": False}
     one |= {"name": "force-dependent-impedance"}
-    several = found.diagnosis | {"effects": [one] * 5}
+    several = evidence.diagnosis | {"effects": [one] * 5}
     with plotting.style():
-        drawn = figures.electrodes(replace(found, diagnosis=several))
+        drawn = figures.electrode_ring(replace(evidence, diagnosis=several))
         assert "+3" in [text.get_text() for text in drawn.axes[0].texts]
         drawn.canvas.draw()
         assert len(drawn.texts) == 1 + 2 * 5
@@ -382,9 +393,9 @@ def test_what_was_not_compared_is_not_told_as_without_rivals(tmp_path):
 def test_a_patch_bears_its_number(tmp_path):
     folder, _ = diagnosed(tmp_path, "explained")
     with_every_effect(folder)
-    found = evidence.read(folder, *_rest(folder))
-    names = [effect["name"] for effect in found.diagnosis["effects"]]
-    texts = figures.draw(found)["electrodes"].axes[0].texts
+    evidence = read(folder, *_rest(folder))
+    names = [effect["name"] for effect in evidence.diagnosis["effects"]]
+    texts = figures.draw(evidence)["electrodes"].axes[0].texts
     numbers = [text.get_text() for text in texts if text.get_bbox_patch() is not None]
     assert str(names.index("conductivity-patch") + 1) in numbers
 
@@ -484,15 +495,15 @@ def test_the_atlas_shows_what_is_significant(written):
 
 
 def test_rivals_begin_with_what_is_named_where_that_is_told(written, tmp_path):
-    found = evidence.read(written["explained"], *_rest(written["explained"]))
-    drawn = figures.rivals(found).axes[0]
+    evidence = read(written["explained"], *_rest(written["explained"]))
+    drawn = figures.rivals(evidence).axes[0]
     told = [text.get_text() for text in drawn.texts]
-    value = found.tables["rivals"]["chi2_per_dof"][0]
-    assert told[:3] == ["all that is named", figures.number(value), "without contact-impedance"]
+    value = evidence.tables["rivals"]["chi2_per_dof"][0]
+    assert told[:3] == ["all that is named", number(value), "without contact-impedance"]
     folder, _ = diagnosed(tmp_path, "explained")
     path = folder / "evidence" / "rivals.csv"
     pd.read_csv(path).iloc[1:].to_csv(path, index=False)
-    drawn = figures.rivals(evidence.read(folder, *_rest(folder))).axes[0]
+    drawn = figures.rivals(read(folder, *_rest(folder))).axes[0]
     assert drawn.texts[0].get_text() == "without contact-impedance"
 
 
@@ -556,11 +567,11 @@ def test_residuals_of_another_shape_are_refused(tmp_path):
 
 def test_touches_that_nothing_simulates_have_no_map(tmp_path):
     folder, recording = diagnosed(tmp_path, "consistent")
-    found = evidence.read(folder, recording, SCHEMA)
-    touched = found.frames["touch"].to_numpy(bool)
-    for residual in (found.before, found.after):
+    evidence = read(folder, recording, SCHEMA)
+    touched = evidence.frames["touch"].to_numpy(bool)
+    for residual in (evidence.residual_before, evidence.residual_after):
         residual[touched] = np.nan
-    assert "there is no map" in figures.misfit_place(found)
+    assert "there is no map" in figures.misfit_place(evidence)
 
 
 def test_a_number_that_is_none_is_refused(tmp_path):
@@ -570,6 +581,65 @@ def test_a_number_that_is_none_is_refused(tmp_path):
     table.loc[3, "gap"] = "large"
     table.to_csv(path, index=False)
     with pytest.raises(InputError, match=r"column gap, row 3: found 'large'"):
+        rewritten(folder)
+
+
+def stops(folder):
+    """The rows of the table of names that are no effects."""
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    (table,) = re.findall(r"<details>.*?<tbody>(.*?)</tbody>", text, re.DOTALL)
+    rows = [re.findall(r"<td.*?>(.*?)</td>", row) for row in table.strip().splitlines()]
+    return {re.sub("<.*?>", "", name): cells for name, *cells in rows}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_where_every_other_name_stopped_unfolds(written, kind):
+    """With value, threshold and sentence, as `eitskin explain` has them."""
+    diagnosis, decisions = refusals.read(written[kind])
+    effects = [effect["name"] for effect in diagnosis["effects"]]
+    rows = stops(written[kind])
+    assert sorted(rows) == sorted({*catalogue_names()} - {*effects})
+    assert rows.pop(UNMET) == [NONE, NONE, NONE, "It met no gate."]
+    assert {"names", "evidence", "prediction"} == {
+        re.sub("<.*?>", "", gate) for gate, *_ in rows.values()
+    }
+    for name, (gate, value, passes, sentence) in rows.items():
+        stop = refusals.stop(decisions, effects, name)
+        assert gate == f"<code>{stop.gate.name}</code>" and value == number(stop.value)
+        assert passes == f"{stop.gate.passes} {number(stop.gate.threshold)}"
+        assert unescape(sentence) == stop.sentence
+
+
+def test_decisions_are_read_as_the_search_recorded_them(written):
+    table = read(written["explained"], *_rest(written["explained"])).tables["decisions"]
+    assert list(table) == [field.name for field in fields(Decision)]
+    _, decisions = refusals.read(written["explained"])
+    pd.testing.assert_frame_equal(table, decisions, check_dtype=False)
+
+
+def test_a_folder_without_decisions_says_so(tmp_path):
+    folder, _ = diagnosed(tmp_path, "explained")
+    (folder / "evidence" / "decisions.csv").unlink()
+    text = rewritten(folder)
+    assert "<details>" not in text and "decisions.csv" not in text
+    assert "did not record the decisions of its search" in Page(text).text
+
+
+@pytest.mark.parametrize(
+    ("column", "cell", "refusal"),
+    [
+        ("gate", "luck", "column gate, row 3: found 'luck', expected a gate"),
+        ("admitted", "perhaps", "column admitted, row 3: found 'perhaps'"),
+        ("value", "large", "column value, row 3: found 'large'"),
+    ],
+)
+def test_decisions_that_are_none_are_refused(tmp_path, column, cell, refusal):
+    folder, _ = diagnosed(tmp_path, "explained")
+    path = folder / "evidence" / "decisions.csv"
+    table = pd.read_csv(path, dtype=str)
+    table.loc[3, column] = cell
+    table.to_csv(path, index=False)
+    with pytest.raises(InputError, match=rf"decisions.csv: {refusal}"):
         rewritten(folder)
 
 

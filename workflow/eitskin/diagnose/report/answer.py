@@ -1,0 +1,209 @@
+"""The answer of a diagnosis as HTML: its verdict, and each effect in words, numbers and advice."""
+
+from html import escape
+
+import numpy as np
+
+from eitskin.data import check
+from eitskin.diagnose.report.evidence import Evidence
+from eitskin.diagnose.report.markup import code, figure, numbers_unbroken
+from eitskin.diagnose.search.gates import NOTHING_UNNAMED
+from eitskin.diagnose.verdict.words import (
+    ABOUT,
+    MOST_VALUES,
+    NATS,
+    certain,
+    confused,
+    headline,
+    mend,
+    pinned,
+    sites,
+    spread,
+    valued,
+    where,
+)
+from eitskin.effects.effect import SITES
+from eitskin.quantities import chance, listed, number, quantity
+
+# Chi squared per degree of freedom above which shares of the misfit are given: with less than a
+# twentieth above the noise there is little to share.
+SHARED_MISFIT = 1.05
+TOUCH_COLUMNS = ["x_mm", "y_mm", "force_N", "probe_mm"]  # that the simulation of a touch needs
+
+
+def warnings(evidence: Evidence) -> str:
+    """What the check of the recording warns of; "" for nothing."""
+    report = check.check(evidence.recording)
+    items = [
+        f"<li>{escape(finding.topic)}: {escape(finding.sentence)}</li>"
+        for finding in (*report.of_severity(check.ERROR), *report.of_severity(check.WARNING))
+    ]
+    if not items:
+        return ""
+    head = "The check of this recording warns:" if report.ok else "This recording is not usable:"
+    advice = ""
+    if report.of_topic("step"):
+        advice = (
+            "<p>What lies before a step and after it is diagnosed apart; <code>eitskin check</code>"
+            " prints the commands that make a report of each part.</p>"
+        )
+    return f"<div class='warning'><p>{head}</p><ul>{''.join(items)}</ul>{advice}</div>"
+
+
+def answer(evidence: Evidence, change_drawings: list[str]) -> str:
+    """The verdict, then each effect with its values, its evidence and what to do at the bench.
+
+    change_drawings: what each effect changes, as SVG, "" where it has no picture.
+    """
+    diagnosis = evidence.diagnosis
+    scores = diagnosis["fit"]["held_out"]
+    parts = [f"<h1>{headline(diagnosis)}</h1>"]
+    before, after = (
+        f"<span class='{key}'>{number(scores[f'chi2_per_dof_{key}'])}</span>"
+        for key in ("before", "after")
+    )
+    change = f"goes from {before} to {after}" if diagnosis["effects"] else f"is {before}"
+    parts.append(
+        f"<p>On {held_out_amount(evidence)} held out, the misfit (χ² per degree of freedom)"
+        f" {change}; {expected_misfit(evidence)}.</p>"
+    )
+    parts += [f"<p>{sentence}</p>" for sentence in omitted_frames(evidence)]
+    if not NOTHING_UNNAMED.admits(diagnosis["other"]["probability"]):
+        parts.append(f"<p>What has no name: {escape(diagnosis['other']['sentence'])}</p>")
+    elif diagnosis["verdict"] == "partly-explained":
+        parts.append("<p>What is left there is more than the noise.</p>")
+    if diagnosis["effects"]:
+        note = "A gain is over the best set without the effect, with another name in its place too."
+        if len(diagnosis["effects"]) > 1:
+            note += (
+                " A share of the misfit is what comes back without the effect; shares need not add"
+                " up to 100 %."
+            )
+        parts.append(f"<p class='quiet'>Gains are told in nats: {NATS} {note}</p>")
+    for k, effect in enumerate(diagnosis["effects"]):
+        has_picture = any(change_drawings[k : k + 1])
+        picture = _change_figure(k, change_drawings[k], evidence) if has_picture else ""
+        parts.append(_effect(k + 1, effect, evidence, picture))
+    parts += [f"<p>{escape(sentence)}</p>" for sentence in pinned(diagnosis["calibration"])]
+    if diagnosis["effects"]:
+        parts.append(
+            "<p class='quiet'>Electrodes and channels are numbered from 0; brackets hold 90 %"
+            " intervals. The corrected simulator is <code>effects.yaml</code>, in the form that"
+            " the configuration takes.</p>"
+        )
+    if evidence.prediction is not None:
+        parts.append(_prediction(evidence))
+    return "\n".join(parts)
+
+
+def held_out_amount(evidence: Evidence) -> str:
+    """How many frames or channels were held out, as a noun."""
+    channels = evidence.held_out_channels
+    if channels.any():
+        return f"{channels.sum()} of {len(channels)} channels"
+    return f"{evidence.diagnosis['fit']['held_out']['frames']} frames"
+
+
+def expected_misfit(evidence: Evidence) -> str:
+    """The misfit per degree of freedom where nothing is missing, as a clause."""
+    if evidence.has_rig_errors:
+        return "noise and the rig's errors alone give 1"
+    return "noise alone gives 1"
+
+
+def omitted_frames(evidence: Evidence) -> list[str]:
+    """Which frames took no part in the diagnosis, a sentence each."""
+    sentences = []
+    count, total = len(evidence.frames), len(evidence.recording.frames)
+    if count < total:
+        sentences.append(f"An excerpt was diagnosed: {count} of {total} frames.")
+    touched_frames = evidence.frames[evidence.frames["touch"]]
+    incomplete = touched_frames[TOUCH_COLUMNS].isna().any(axis=1).sum()
+    if incomplete:
+        sentences.append(
+            f"Of {len(touched_frames)} touched frames {incomplete} took no part: their place, force"
+            " or probe is not known."
+        )
+    return sentences
+
+
+def _change_figure(k: int, drawing: str, evidence: Evidence) -> str:
+    """The picture of what effect k changes, captioned with the frame that it is of."""
+    frame = evidence.frames.iloc[evidence.change_frames[k]]
+    state = "an untouched frame"
+    if frame["touch"]:
+        force = frame["force_N"]
+        state = (
+            f"a frame touched with {number(force)} N" if np.isfinite(force) else "a touched frame"
+        )
+    caption = (
+        f"What it changes in {state}, that in which it changes most; a dash: the reading falls."
+    )
+    return figure(f"change_{k}", drawing, caption)
+
+
+def _effect(rank: int, effect: dict, evidence: Evidence, picture: str) -> str:
+    """An effect of diagnosis.json, numbered, with the picture of what it changes beside it."""
+    paragraphs = [f"<p>{rank}. {numbers_unbroken(effect['sentence'])}</p>"]
+    driver = "static" if effect["driver"] == "static" else f"varies with {effect['driver']}"
+    is_certain = certain(effect)
+    candidate = "" if is_certain else ", a candidate"
+    head = f"{code(effect['name'])}{candidate}, {escape(where(effect))}, {escape(driver)}"
+    estimates = effect["parameters"] | effect.get("amounts", {})
+    values = [_parameter(key, estimate, effect) for key, estimate in estimates.items()]
+    paragraphs.append(f"<p>{'; '.join([head, *values])}.</p>")
+    bench = "At the bench" if is_certain else "At the bench, to try"
+    paragraphs.append(f"<p>{bench}: {escape(mend(effect, evidence.channels))}</p>")
+    score = effect["evidence"]
+    standard_error = float(f"{score['elpd_se']:.2g}")
+    gain = f"gains {number(score['elpd_gain'])} ± {number(standard_error, 2)} nats"
+    text = f"On what was held out it {gain}"
+    if evidence.diagnosis["fit"]["held_out"]["chi2_per_dof_before"] > SHARED_MISFIT:
+        share = f"It explains {number(100 * effect['share'])} % of the misfit on what was held out"
+        text = f"{share}, {gain} there"
+    p_value = chance(score["p_value"])
+    paragraphs.append(f"<p>{numbers_unbroken(f'{text}; p = {p_value}.')}</p>")
+    if effect["alternatives"]:
+        paragraphs.append(f"<p>{escape(confused(effect))}</p>")
+    elif effect["gap"] is not None:
+        gap = number(effect["gap"])
+        paragraphs.append(f"<p>The gap to the nearest other name is {gap} in noise units.</p>")
+    else:
+        paragraphs.append("<p>No other name looks like it.</p>")
+    html_class = "effect" if is_certain else "effect candidate"
+    text = "\n".join(paragraphs)
+    return f"<div class='{html_class}'><div>{text}</div>{picture}</div>"
+
+
+def _parameter(name: str, estimate: dict, effect: dict) -> str:
+    """One parameter with its interval; of a list, its range and, where values differ by more than
+    their intervals, the site whose value is farthest from the median."""
+    label, texts = code(name), valued(estimate)
+    if not isinstance(estimate["value"], list):
+        return f"{label} = {numbers_unbroken(texts[0])}"
+    values = np.array(estimate["value"])
+    kind = next(kind for kind in SITES if effect[kind])
+    if len(values) <= MOST_VALUES:
+        values_at_sites = [
+            f"{text} at {sites({kind: [site]})}"
+            for site, text in zip(effect[kind], texts, strict=True)
+        ]
+        return f"{label} = {numbers_unbroken(listed(values_at_sites))}"
+    text = spread(estimate, texts)
+    if not text.startswith(ABOUT):
+        outlier = int(np.argmax(np.abs(values - np.median(values))))
+        text = f"{text}, farthest out at {sites({kind: [effect[kind][outlier]]})}"
+    return f"{label} {numbers_unbroken(text)}"
+
+
+def _prediction(evidence: Evidence) -> str:
+    """A paragraph on what was predicted of the query."""
+    prediction = evidence.prediction
+    assert prediction is not None
+    sd, magnitude = (float(prediction[key].median()) for key in ("std_V", "voltage_V"))
+    unit = evidence.reading_unit
+    return (
+        f"<p>The {len(prediction)} states of the query are predicted in"
+        f" <code>predicted.parquet</code>: median reading {quantity(magnitude, unit)}, standard"
+        f" deviation of the prediction {quantity(sd, unit, 2)}.</p>"
+    )
