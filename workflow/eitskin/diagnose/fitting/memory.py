@@ -5,7 +5,7 @@ candidate, what rigs add, trials that were fitted. Where somebody touches, a gai
 every channel is tried: as many columns as channels. Where errors of frames carry a channel's errors
 to others, matrices of channels x channels come with every set that is looked at. What does not grow
 with it are the matrices of electrodes, of sheets and of bodies, and the states kept that were
-simulated last. How many of each there are was measured (`tests/unit/diagnose/test_memory.py`); a
+simulated last. How many of each there are was measured (`tests/unit/diagnose/fitting/test_memory.py`); a
 long search takes so many, most take less.
 """
 

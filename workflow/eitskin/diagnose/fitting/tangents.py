@@ -67,7 +67,7 @@ class Tangents:
     def _accuracy(self) -> str:
         """Of what is differenced: train, in a tenth of the time, for a body, whose derivatives are
         the same to 6e-3, and in two thirds for a sheet of which they are to 1e-3
-        (`tests/unit/diagnose/test_tangents.py`)."""
+        (`tests/unit/diagnose/fitting/test_tangents.py`)."""
         there = self.problem.model.geometry(self.knobs, self.chosen)
         if span(there) is not None or there.points:
             return "train"

@@ -142,7 +142,7 @@ print(peak[0])
 """
 
 
-# With the machine to itself: `python -m pytest -m rehearsal tests/unit/diagnose/test_memory.py`.
+# With the machine to itself: `python -m pytest -m rehearsal tests/unit/diagnose/fitting/test_memory.py`.
 @pytest.mark.rehearsal
 @pytest.mark.parametrize(
     ("electrodes", "frames", "skin"),
