@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eitskin.diagnose.fitting.candidates import discrete, log_ways, without_site
+from eitskin.diagnose.fitting.candidates import is_discrete, log_subset_count, without_site
 from eitskin.effects.settings import settings, site_counts
 from small_skin import CHANNELS, candidates_of, kinds_of, problem_of, small_recording
 
@@ -40,7 +40,7 @@ def test_effects_of_time_need_a_clock():
 
 
 @pytest.mark.parametrize(
-    "candidate", [c for c in KINDS if not discrete(c) and c.linear.any()], ids=label
+    "candidate", [c for c in KINDS if not is_discrete(c) and c.linear.any()], ids=label
 )
 def test_zero_does_nothing_and_one_does_something(candidate, untouched_by_effects):
     still = PROBLEM.model.voltage(np.zeros(1), [candidate.setting(np.zeros(candidate.size))])
@@ -104,4 +104,4 @@ def test_a_site_less():
 
 @pytest.mark.parametrize(("count", "size", "ways"), [(8, 1, 8), (8, 2, 28), (208, 3, 1478256)])
 def test_ways_to_choose_sites(count, size, ways):
-    assert np.isclose(np.exp(log_ways(count, size)), ways)
+    assert np.isclose(np.exp(log_subset_count(count, size)), ways)

@@ -9,7 +9,7 @@ import pytest
 
 from eitskin.data import recording
 from eitskin.data.recording import Recording
-from eitskin.diagnose.fitting.channel_mapping import carried, unknown
+from eitskin.diagnose.fitting.channel_mapping import mapped_setting, unmapped_channels
 from eitskin.diagnose.fitting.fit import fit
 from eitskin.diagnose.fitting.query import predict
 from eitskin.diagnose.verdict.record import read_query
@@ -122,10 +122,10 @@ def test_a_gain_stays_at_its_pair_and_is_not_taken_to_a_new_drive(gains, capsys)
 
 def test_settings_of_the_same_channels_and_of_electrodes_stay_as_they_are():
     (contact, drive) = settings([CONTACT, DRIVE], site_counts(CHANNELS), (0, 0))
-    assert carried(drive, CHANNELS, CHANNELS.copy()) is drive
-    assert carried(contact, CHANNELS, SKIPPING) is contact
-    assert not len(unknown(contact, CHANNELS, SKIPPING))
-    assert np.array_equal(unknown(drive, CHANNELS, SKIPPING), np.arange(len(SKIPPING)))
+    assert mapped_setting(drive, CHANNELS, CHANNELS.copy()) is drive
+    assert mapped_setting(contact, CHANNELS, SKIPPING) is contact
+    assert not len(unmapped_channels(contact, CHANNELS, SKIPPING))
+    assert np.array_equal(unmapped_channels(drive, CHANNELS, SKIPPING), np.arange(len(SKIPPING)))
 
 
 @pytest.mark.parametrize("count", [4, 16])
