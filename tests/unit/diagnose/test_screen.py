@@ -140,9 +140,9 @@ def test_a_channel_whose_gain_is_all_but_an_offset_is_told_as_in_double_precisio
     offset, gains = of["offset"], of["channel-gain"]
     start = np.zeros(len(problem.model.calibrations) + offset.size)
     tangents = Tangents(fit(problem, [offset], start, polish=True))
-    assert tangents.in_single is not problem.whitening
+    assert tangents.single_precision is not problem.whitening
     found = channels.scores(tangents, gains)
-    monkeypatch.setitem(vars(tangents), "in_single", problem.whitening)
+    monkeypatch.setitem(vars(tangents), "single_precision", problem.whitening)
     for one, other in zip(found, channels.scores(tangents, gains), strict=True):
         assert one.candidate.sites == other.candidate.sites and one.dof == other.dof
         assert one.gain == pytest.approx(other.gain, rel=1e-6)

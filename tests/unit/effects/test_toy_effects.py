@@ -214,14 +214,14 @@ def test_its_derivatives_are_those_of_the_simulator():
         site_counts(CHANNELS),
         (0, 0),
     )
-    about.chosen = others
-    about.voltage = about.base = problem.model.voltage(about.knobs, others)
+    about.settings = others
+    about.voltage = about.base_voltage = problem.model.voltage(about.calibration, others)
     step = 1e-3
     for candidate in candidates_of(recorded, problem, scales):
         if candidate.name not in ITEMS or candidate.scope == "dense" or is_discrete(candidate):
             continue
         up, down = (
-            problem.model.voltage(about.knobs, [*others, candidate.setting(np.array([s]))])
+            problem.model.voltage(about.calibration, [*others, candidate.setting(np.array([s]))])
             for s in (step, -step)
         )
         exact = about.project_out(problem.whitening((up - down) / (2 * step)).ravel())
@@ -376,7 +376,7 @@ def test_an_effect_without_a_name_is_told(silent):
     [
         (r"def change\(", "def change((", "line 22: found .*, expected Python"),
         ('"1", 0.0, ', "0.0, ", "line 16: found TypeError: .*'high', expected code that can be "),
-        ("import Parameter", "import Parameters", "line 6: found ImportError: .*, expected code"),
+        ("import Combination", "import Combinations", "line 6: found ImportError: .*, expected code"),
     ],
 )
 def test_a_file_that_cannot_be_imported_is_one_line(silent, said, instead, told):

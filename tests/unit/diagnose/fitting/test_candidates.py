@@ -79,7 +79,7 @@ def test_values_are_additive_or_logarithmic(candidate, seed):
         change = np.log(value / neutral) if parameter.low > 0 else value - neutral
         assert parameter.low <= value <= parameter.high
         if parameter.low < value < parameter.high:
-            expected = SCALES.of(parameter) * coordinates[i]
+            expected = SCALES.typical_change(parameter) * coordinates[i]
             assert np.isclose(change, expected, rtol=1e-9, atol=1e-12)
 
 
@@ -93,7 +93,7 @@ def test_a_size_and_an_angle_are_one_vector(candidate, seed):
     neutral = candidate.effect.neutral(size_key, candidate.skin)
     size = np.log(values[size_key] / neutral) if parameter.low > 0 else values[size_key] - neutral
     turn = np.exp(1j * np.radians(multiple * values[angle_key]))
-    expected = SCALES.of(parameter) * (coordinates[at[0]] + 1j * coordinates[at[1]])
+    expected = SCALES.typical_change(parameter) * (coordinates[at[0]] + 1j * coordinates[at[1]])
     assert np.isclose(size * turn, expected)
 
 
