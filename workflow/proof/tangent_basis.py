@@ -86,7 +86,7 @@ def _columns(refit: Refit, at_recording: Tangents, at_query: Tangents) -> _Colum
             continue
         columns, query_columns = (
             at_recording.coordinate_columns(candidate),
-            at_query.each(candidate),
+            at_query.coordinate_columns(candidate),
         )
         head, place = columns[0] if columns else None, []
         for i, column in enumerate(columns):

@@ -376,7 +376,11 @@ def test_an_effect_without_a_name_is_told(silent):
     [
         (r"def change\(", "def change((", "line 22: found .*, expected Python"),
         ('"1", 0.0, ', "0.0, ", "line 16: found TypeError: .*'high', expected code that can be "),
-        ("import Combination", "import Combinations", "line 6: found ImportError: .*, expected code"),
+        (
+            "import Combination",
+            "import Combinations",
+            "line 6: found ImportError: .*, expected code",
+        ),
     ],
 )
 def test_a_file_that_cannot_be_imported_is_one_line(silent, said, instead, told):

@@ -380,7 +380,7 @@ def without(search: Search, explanation: Explanation, index: int) -> Explanation
     """An explanation less effect `index`, the rest fitted anew; from the beliefs where no skin has
     the rest alone."""
     whole_fit = explanation.fit
-    place = whole_fit.place(index)
+    place = whole_fit.coordinate_slice(index)
     effects = [c for i, c in enumerate(whole_fit.effects) if i != index]
     theta = np.delete(whole_fit.theta, np.arange(place.start, place.stop))
     jacobian = np.delete(whole_fit.jacobian, np.arange(place.start, place.stop), axis=0)
