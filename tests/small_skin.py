@@ -65,7 +65,7 @@ def candidates_of(
     """The catalogue of this skin."""
     counts, model = site_counts(CHANNELS), problem.model
     floating = not model.sink_grounded
-    conditions = Conditions(recorded.skin, model.believed, counts, floating, timed)
+    conditions = Conditions(recorded.skin, model.nominal_skin, counts, floating, timed)
     return catalogue(conditions, recorded.voltage, scales)
 
 

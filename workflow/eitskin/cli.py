@@ -415,7 +415,7 @@ def _diagnose(arguments: argparse.Namespace) -> int:
             _forget(answer)
     if _no_disc(recorded, arguments):
         return UNUSABLE
-    memory.most_frames(recorded, arguments.memory, arguments.file)
+    memory.frame_limit(recorded, arguments.memory, arguments.file)
     full_check = _checked(recorded, arguments)
     if full_check is None:
         return UNUSABLE

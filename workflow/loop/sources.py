@@ -98,7 +98,7 @@ def belief(recorded: Recording) -> Simulator:
     problem, _ = problem_of(recording_excerpt, noise)
     fitted = fit(problem, [], np.zeros(len(problem.model.calibrations)), polish=True)
     twin = corrected.corrected(fitted, recording_excerpt, noise.sd, "belief")["twin"]
-    factor = problem.model.calibrated(fitted.theta).get("factor", 1.0)
+    factor = problem.model.calibration_values(fitted.theta).get("factor", 1.0)
     return Simulator(Skin.from_metadata(twin["skin"]), [], factor)
 
 

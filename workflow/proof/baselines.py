@@ -21,7 +21,7 @@ from sklearn.linear_model import lasso_path
 from eitskin.atomic import atomic_path
 from eitskin.data import recording
 from eitskin.data.recording import Recording, presses
-from eitskin.diagnose.fitting.candidates import Candidate, log_ways
+from eitskin.diagnose.fitting.candidates import Candidate, log_subset_count
 from eitskin.diagnose.fitting.query import simulator
 from eitskin.diagnose.search.gates import CHANCE, EFFECTS_OF_A_SET, EVIDENCE
 from eitskin.diagnose.search.screen import log_evidence
@@ -130,7 +130,7 @@ def lasso(basis: TangentBasis) -> tuple[np.ndarray, np.ndarray]:
         active = np.flatnonzero(values)
         if len(active):
             gain = basis.slope[active] @ _least_squares(basis, active)
-            ways = log_ways(len(basis.columns), len(active))
+            ways = log_subset_count(len(basis.columns), len(active))
             criterion = basis.chi2 - gain + len(active) * np.log(basis.dof) + 2.0 * ways
             if criterion < least_criterion:
                 least_criterion, best = criterion, active

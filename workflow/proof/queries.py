@@ -15,7 +15,7 @@ import numpy as np
 from eitskin.data import importers
 from eitskin.data.check import WARNING, Check, clipping, measures, steps
 from eitskin.data.recording import TOUCH_KEYS, Recording, presses
-from eitskin.diagnose.fitting.held_out import reciprocal_groups, units, with_frames_before
+from eitskin.diagnose.fitting.held_out import error_units, reciprocal_groups, with_frames_before
 from eitskin.errors import InputError
 from proof.real_sets import listed, renumbered
 from witness import cases
@@ -89,7 +89,7 @@ def of_owner(owner: Owned) -> QueryCase:
         recorded,
         query,
         readings,
-        units(query),
+        error_units(query),
         owner.truth,
     )
 
@@ -139,7 +139,7 @@ def _query_case(
         Recording(case.states, voltage, None, None, metadata),
         query,
         _read(case) if readings is None else readings,
-        units(query),
+        error_units(query),
     )
 
 
@@ -271,7 +271,7 @@ def _real(kind: str, seed: int) -> QueryCase:
     source = importers.load(paths[name])
     split = _without_presses if presses(source).max() + 1 >= LEAST_PRESSES else without_channels
     words, recorded, query, readings = split(source, _rng(kind, seed))
-    return QueryCase(kind, seed, f"{name}, {words}", recorded, query, readings, units(query))
+    return QueryCase(kind, seed, f"{name}, {words}", recorded, query, readings, error_units(query))
 
 
 def _without_presses(

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from eitskin.data.recording import Recording
-from eitskin.diagnose.fitting.candidates import Candidate, gross
+from eitskin.diagnose.fitting.candidates import Candidate, is_wiring_fault
 from eitskin.diagnose.fitting.estimates import estimates
 from eitskin.diagnose.fitting.excerpt import excerpt
 from eitskin.diagnose.fitting.fit import Fit, fit
@@ -69,7 +69,7 @@ class Refit:
         ]
         if not candidates:
             return self.nothing
-        near = self.search.problem.model.near
+        near = self.search.problem.model.solved_skins
         try:
             with near.within(near.effort + FIT_SHEETS):
                 return with_all(self.search, self.nothing, candidates)
@@ -106,7 +106,7 @@ def entries_of(state: Explanation, effects: list[dict]) -> list[dict]:
         candidate = state.effects[index]
         sites: dict[str, list[int]] = {kind: [] for kind in SITES}
         if candidate.kind is not None and candidate.scope != "common":
-            sites[candidate.kind] = [int(site) for site in candidate.own_sites]
+            sites[candidate.kind] = [int(site) for site in candidate.site_indices]
         parameters = estimates(state.fit, index)
         entries.append({"name": candidate.name, "parameters": parameters, **sites})
     return entries
@@ -153,7 +153,7 @@ def gaps_in_noise(case: Case, noise_V: np.ndarray) -> Gaps | None:
     problem, _ = problem_of(clean, NoiseModel(noise_V, CERTAIN_DOF, "known"))
     search = replace(search, problem=problem)
     try:
-        with problem.model.near.within(GAP_SHEETS):
+        with problem.model.solved_skins.within(GAP_SHEETS):
             search, nothing = refits.calibrated(search)
             return _gaps_of_set(search, (nothing, nothing), [], case.effects, case.scopes)
     except EffortExceeded:
@@ -188,7 +188,7 @@ def _gaps_of_set(
 def with_all(search: Search, state: Explanation, candidates: list[Candidate]) -> Explanation | None:
     """`state` with candidates fitted one after the other, the gross faults first; None where one
     cannot be."""
-    for candidate in sorted(candidates, key=lambda c: not gross(c)):
+    for candidate in sorted(candidates, key=lambda c: not is_wiring_fault(c)):
         fitted = refits.with_effect(search, state, candidate)
         if isinstance(fitted, Refusal):
             return None

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.linalg import solve
 
 from eitskin.data.recording import Recording
-from eitskin.diagnose.fitting.candidates import Candidate, discrete
+from eitskin.diagnose.fitting.candidates import Candidate, is_discrete
 from eitskin.diagnose.fitting.fit import Fit, Problem, difference, fit
 from eitskin.diagnose.fitting.jacobian import Jacobian
 from eitskin.diagnose.fitting.query import simulator
@@ -73,7 +73,7 @@ def tangent_basis(refit: Refit, query: Recording) -> TangentBasis:
 
 
 def _columns(refit: Refit, at_recording: Tangents, at_query: Tangents) -> _Columns:
-    candidates = [c for c in refit.search.candidates if not discrete(c) and c.name != MAINS]
+    candidates = [c for c in refit.search.candidates if not is_discrete(c) and c.name != MAINS]
     like = candidates[0]
     tone = tones.score(at_recording, MainsInterference(), like.skin, like.scales)
     candidates += [] if tone is None else [tone.candidate]
@@ -84,7 +84,10 @@ def _columns(refit: Refit, at_recording: Tangents, at_query: Tangents) -> _Colum
     for candidate in candidates:
         if _is_dense(candidate):
             continue
-        columns, query_columns = at_recording.each(candidate), at_query.each(candidate)
+        columns, query_columns = (
+            at_recording.coordinate_columns(candidate),
+            at_query.coordinate_columns(candidate),
+        )
         head, place = columns[0] if columns else None, []
         for i, column in enumerate(columns):
             repeats = i and column is not None and head is not None and np.array_equal(column, head)
@@ -96,10 +99,10 @@ def _columns(refit: Refit, at_recording: Tangents, at_query: Tangents) -> _Colum
                 query.append(np.zeros(at_query.residual.size) if change is None else change)
         if place:
             groups.append((candidate, np.array(place)))
-        if candidate.scope == "sparse" and len(candidate.own_sites) == 1:
+        if candidate.scope == "sparse" and len(candidate.site_indices) == 1:
             places[_family(candidate), candidate.sites] = place
     for dense in filter(_is_dense, candidates):
-        place = [k for s in dense.own_sites for k in places.get((_family(dense), (s,)), [])]
+        place = [k for s in dense.site_indices for k in places.get((_family(dense), (s,)), [])]
         if place:
             groups.append((dense, np.array(place)))
     return _Columns(names, np.array(recorded), np.array(query), groups)

@@ -42,7 +42,7 @@ def search_of(recorded: Recording) -> Search:
     sd = np.full(len(CHANNELS), NOISE * np.median(np.abs(recorded.voltage)))
     problem, scales = readings.problem_of(recorded, NoiseModel(sd, 1e3, "given"))
     counts = site_counts(CHANNELS)
-    believed = problem.model.believed
+    believed = problem.model.nominal_skin
     conditions = Conditions(recorded.skin, believed, counts, True, True, touched=False)
     every = catalogue(conditions, recorded.voltage, scales)
     model = problem.model
@@ -81,7 +81,7 @@ def test_a_touched_skin_of_unknown_height_has_no_body_among_its_candidates():
     problem, scales = readings.problem_of(
         recorded, NoiseModel(np.full(len(CHANNELS), 1e-6), 1e3, "given")
     )
-    believed, counts = problem.model.believed, site_counts(CHANNELS)
+    believed, counts = problem.model.nominal_skin, site_counts(CHANNELS)
     touched = Conditions(recorded.skin, believed, counts, True, True, touched=True)
     every = catalogue(touched, recorded.voltage, scales)
     assert "third-dimension" not in {c.name for c in every}
@@ -123,7 +123,7 @@ def test_before_a_fit_from_afar_bodies_are_solved_coarsely():
     search = search_of(untouched())
     search, sheet = refits.calibrated(search)
     rough, problem = refits.rough(search, sheet), search.problem
-    assert rough.model.coarse and rough.model.near is problem.model.near
+    assert rough.model.coarse and rough.model.solved_skins is problem.model.solved_skins
     assert rough.whitening.size == problem.whitening.size
     residual = [p.residual(np.zeros(len(p.model.calibrations)), []) for p in (rough, problem)]
     assert (residual[0] ** 2).sum() < (residual[1] ** 2).sum()

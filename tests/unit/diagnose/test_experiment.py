@@ -58,8 +58,8 @@ def diagnosed(item: dict, rivals: list[str], forces: list[float], noise: float, 
     problem, scales = problem_of(taken, sd)
     model = problem.model
     counts = site_counts(CHANNELS)
-    conditions = Conditions(taken.skin, model.believed, counts, floating=True, timed=True)
-    candidates = catalogue(conditions, problem.recorded, scales)
+    conditions = Conditions(taken.skin, model.nominal_skin, counts, floating=True, timed=True)
+    candidates = catalogue(conditions, problem.readings, scales)
     sites = item.get("electrodes") or item.get("drives")
     effect = next(
         c
@@ -104,7 +104,7 @@ def test_the_gap_proposed_is_reached_with_noise(item, rival, forces, noise, word
     gained = []
     for seed in range(6):
         draw = np.random.default_rng(seed).normal(size=clean.shape)
-        noisy = replace(problem, recorded=clean + recipe.whitening.sd * draw)
+        noisy = replace(problem, readings=clean + recipe.whitening.sd * draw)
         search = Search(noisy, found.search.candidates, rows, seed=1, report=lambda line: None)
         true = refits.explain(search, fit(noisy, effects, theta, polish=True))
         less = refits.reduced(search, true, 0)

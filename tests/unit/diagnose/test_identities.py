@@ -88,7 +88,7 @@ def fitted(recorded: Recording, *items: dict, scopes: tuple = (), noise: float =
     where no sites are given."""
     problem, scales = problem_of(recorded, noise)
     candidates = candidates_of(recorded, problem, scales)
-    fold = np.zeros(len(problem.recorded), int)
+    fold = np.zeros(len(problem.readings), int)
     search = Search(problem, candidates, fold, seed=1, report=lambda line: None)
     state = refits.explain(search, calibrated(problem))
     for k, item in enumerate(items):

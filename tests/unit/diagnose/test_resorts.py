@@ -9,7 +9,7 @@ from eitskin.data import importers
 from eitskin.data.subset import of_frames
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.fitting.candidates import replaces_instrument
-from eitskin.diagnose.fitting.fit import fit
+from eitskin.diagnose.fitting.fit import FitLimits, fit
 from eitskin.diagnose.search import growth, last_resorts, prediction, refits, staging
 from eitskin.diagnose.search.gates import SIZE
 from eitskin.diagnose.search.starting_point import StartingPoint
@@ -55,10 +55,10 @@ def test_a_size_that_might_be_anything_is_not_told(groups):
     problem, ((alone, *_), *_) = groups
     nothing = replace(alone, start={"siemens": 1e-9})  # far below the noise, whatever its size
     size = len(problem.model.calibrations)
-    unfitted = fit(problem, [nothing], np.zeros(size + 1), enough=0.0)
+    unfitted = fit(problem, [nothing], np.zeros(size + 1), limits=FitLimits(0.0))
     assert not SIZE.admits(last_resorts.size_sd(unfitted))
     recorded = small_recording(*AGAINST_GROUND[:1], noise=NOISE)
-    seen = replace(problem, recorded=recorded.voltage)
+    seen = replace(problem, readings=recorded.voltage)
     large = replace(alone, start={"siemens": SIEMENS})
     assert SIZE.admits(last_resorts.size_sd(fit(seen, [large], np.zeros(size + 1))))
 
@@ -118,7 +118,7 @@ def test_the_real_hydrogel_skin_has_candidates_with_the_intervals_that_its_misfi
     found = diagnosis.diagnose(of_frames(recorded, np.arange(len(recorded.frames)) < 120))
     assert [c.name for c in found.after.effects] == ["ground-return", "common-mode"]
     sd = np.sqrt(np.diag(found.after.fit.covariance))
-    assert 0.1 < sd[found.after.fit.place(0)][0] < SIZE.threshold
+    assert 0.1 < sd[found.after.fit.coordinate_slice(0)][0] < SIZE.threshold
     before, after = (
         np.sqrt(np.nanmean((recorded.voltage[:120] - f.voltage()) ** 2))
         for f in (found.before.fit, found.after.fit)

@@ -8,7 +8,7 @@ import pytest
 from scipy.special import chdtrc
 from scipy.stats import binom, kstest
 
-from eitskin.diagnose.fitting.candidates import discrete
+from eitskin.diagnose.fitting.candidates import is_discrete
 from eitskin.diagnose.fitting.fit import fit
 from eitskin.diagnose.fitting.tangents import Tangents
 from eitskin.diagnose.search import channels
@@ -40,23 +40,23 @@ def columns(tangents):
     usable = [
         c
         for c in CATALOGUE
-        if c.kind != "channels" and not discrete(c) and c.name != "mains-interference"
+        if c.kind != "channels" and not is_discrete(c) and c.name != "mains-interference"
     ]
-    return {c.key: (c, tangents.of(c)) for c in usable if len(tangents.of(c))}
+    return {c.key: (c, tangents.columns(c)) for c in usable if len(tangents.columns(c))}
 
 
 def noisy(tangents, columns, draw):
     """What score tests see of a recording without any effect."""
-    residual = tangents.away(draw.normal(size=tangents.residual.size))
+    residual = tangents.project_out(draw.normal(size=tangents.residual.size))
     return SimpleNamespace(
         residual=residual,
-        of=lambda c: np.concatenate([columns[key][1] for key in _parts(c, columns)]),
+        columns=lambda c: np.concatenate([columns[key][1] for key in _parts(c, columns)]),
         problem=tangents.problem,
         voltage=tangents.voltage,
-        fitted=tangents.fitted,
-        blocks=tangents.blocks,
-        count=tangents.count,
-        in_single=tangents.in_single,
+        fitted_directions=tangents.fitted_directions,
+        channel_directions=tangents.channel_directions,
+        column_count=tangents.column_count,
+        single_precision=tangents.single_precision,
     )
 
 
@@ -115,16 +115,16 @@ def test_a_channel_that_is_fitted_already_has_nothing_to_gain(tangents):
     dense = next(c for c in CATALOGUE if c.name == "channel-gain")
     gain = next(iter(dense.effect.parameters.values()))
     change = np.zeros_like(tangents.voltage)
-    change[:, 5] = dense.scales.of(gain) * dense.effect.slope(tangents.voltage)[:, 5]
-    own = tangents.away(tangents.problem.whitening(change).ravel())
+    change[:, 5] = dense.scales.typical_change(gain) * dense.effect.slope(tangents.voltage)[:, 5]
+    own = tangents.project_out(tangents.problem.whitening(change).ravel())
     seen = SimpleNamespace(
         residual=tangents.residual - (tangents.residual @ own) * own / (own @ own),
         problem=tangents.problem,
         voltage=tangents.voltage,
-        fitted=np.concatenate([tangents.fitted, [own / np.linalg.norm(own)]]),
-        blocks=tangents.blocks,
-        count=tangents.count,
-        in_single=tangents.in_single,
+        fitted_directions=np.concatenate([tangents.fitted_directions, [own / np.linalg.norm(own)]]),
+        channel_directions=tangents.channel_directions,
+        column_count=tangents.column_count,
+        single_precision=tangents.single_precision,
     )
     every = channels.scores(seen, dense)[-1]
     assert every.dof == 39 and np.isfinite(every.gain)
@@ -140,9 +140,9 @@ def test_a_channel_whose_gain_is_all_but_an_offset_is_told_as_in_double_precisio
     offset, gains = of["offset"], of["channel-gain"]
     start = np.zeros(len(problem.model.calibrations) + offset.size)
     tangents = Tangents(fit(problem, [offset], start, polish=True))
-    assert tangents.in_single is not problem.whitening
+    assert tangents.single_precision is not problem.whitening
     found = channels.scores(tangents, gains)
-    monkeypatch.setitem(vars(tangents), "in_single", problem.whitening)
+    monkeypatch.setitem(vars(tangents), "single_precision", problem.whitening)
     for one, other in zip(found, channels.scores(tangents, gains), strict=True):
         assert one.candidate.sites == other.candidate.sites and one.dof == other.dof
         assert one.gain == pytest.approx(other.gain, rel=1e-6)
@@ -176,9 +176,11 @@ def test_evidence_falls_where_a_coordinate_brings_nothing():
 
 def test_a_subset_is_found(tangents):
     dense = next(c for c in CATALOGUE if c.name == "contact-impedance" and c.scope == "dense")
-    own = tangents.of(dense)
+    own = tangents.columns(dense)
     residual = 20.0 * (own[2] / np.linalg.norm(own[2]) - own[6] / np.linalg.norm(own[6]))
-    seen = SimpleNamespace(residual=residual, of=tangents.of, count=tangents.count)
+    seen = SimpleNamespace(
+        residual=residual, columns=tangents.columns, column_count=tangents.column_count
+    )
     assert subset(seen, dense).sites == (2, 6)
 
 

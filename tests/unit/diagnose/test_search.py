@@ -12,7 +12,13 @@ from eitskin import cores
 from eitskin.data.recording import Recording, presses
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.fitting import query, readings
-from eitskin.diagnose.fitting.fit import fit, promised, stepped, whitened_anew
+from eitskin.diagnose.fitting.fit import (
+    FitLimits,
+    expected_decrease,
+    fit,
+    gauss_newton_step,
+    rewhitened,
+)
 from eitskin.diagnose.fitting.tangents import Tangents
 from eitskin.diagnose.noise.component_sds import SETTLED
 from eitskin.diagnose.noise.components import COMPONENTS
@@ -219,7 +225,9 @@ def test_what_begins_on_a_few_frames_is_the_same_on_any_number_of_cores(contact,
         assert "start" in [step["action"] for step in found[-1].search.journal.steps]
     one, two = found
     assert conclusion.document(one, "x") == conclusion.document(two, "x")
-    assert one.search.problem.model.near.effort == two.search.problem.model.near.effort
+    assert (
+        one.search.problem.model.solved_skins.effort == two.search.problem.model.solved_skins.effort
+    )
 
 
 def test_the_recovered_effect_in_a_clean_simulation_has_the_same_atlas(contact):
@@ -246,7 +254,7 @@ def p_values(recorded, residual, *names, sites=None):
     misfit is exchanged for `residual` of it."""
     problem, scales = problem_of(recorded, NOISE)
     seen = Tangents(calibrated(problem))
-    seen.residual = seen.away(residual(seen.fit.residual).ravel())
+    seen.residual = seen.project_out(residual(seen.fit.residual).ravel())
     every = candidates_of(recorded, problem, scales)
     return [score(seen, c).p_value for c in every if c.name in names and c.sites in (sites, None)]
 
@@ -259,7 +267,7 @@ def chance_p_values(search, draws):
     draw = np.random.default_rng(7)
     found = []
     for _ in range(draws):
-        seen.residual = seen.away(draw.normal(size=seen.residual.size))
+        seen.residual = seen.project_out(draw.normal(size=seen.residual.size))
         search.cache.scores.clear()
         least = min(s.p_value for s in proposals.scores(search, state))
         found.append(proposals.global_p(search, least))
@@ -325,8 +333,11 @@ def test_trials_of_other_processes_are_of_this_search(contact, monkeypatch):
     assert len(trials) > 2
     for trial in trials:
         problem = trial.fit.problem
-        assert trial.folds is held.folds and problem.model.near is held.problem.model.near
-        assert problem.model is held.problem.model and problem.recorded is held.problem.recorded
+        assert (
+            trial.folds is held.folds
+            and problem.model.solved_skins is held.problem.model.solved_skins
+        )
+        assert problem.model is held.problem.model and problem.readings is held.problem.readings
         assert trial.rig is state.rig
         assert all(one.effect is EFFECTS[one.name] for one in trial.effects)
     whitenings = [trial.fit.problem.whitening for trial in trials]
@@ -337,7 +348,7 @@ def test_trials_of_other_processes_are_of_this_search(contact, monkeypatch):
 
 def test_what_trials_solve_counts_for_those_that_follow(contact, monkeypatch):
     found = contact[1]
-    held, state, near = found.search, found.before, found.search.problem.model.near
+    held, state, near = found.search, found.before, found.search.problem.model.solved_skins
     begun, seen = near.effort, []
     monkeypatch.setattr(refits, "PROCESSES", 2)
 
@@ -370,7 +381,7 @@ def test_names_that_a_rig_error_holds_are_found_as_if_all_were_scored_without_it
     without = {**state.error_sds, "force-per-press": 0.0}
     here = refits.linearised(held, state).fit
     problem = replace(here.problem, whitening=state.rig.whitening(without, fitted=True))
-    seen = Tangents(whitened_anew(here, problem))
+    seen = Tangents(rewhitened(here, problem))
     best = {}
     for one in proposals.scores(held, state):
         if one.candidate.scope != "dense" and one.information is not None:
@@ -478,9 +489,9 @@ def test_an_effect_is_taken_out_where_no_skin_has_the_rest_alone():
         next(c for c in every if c.name == name and c.scope == "common")
         for name in ("contact-impedance", "electrode-width")
     ]
-    ratio = np.log(0.4) / scales.of(effects[0].effect.parameters["ratio"])
-    width = np.log(0.5) / scales.of(effects[1].effect.parameters["width_mm"])
-    both = fit(problem, effects, np.array([0.0, ratio, width]), enough=-np.inf)
+    ratio = np.log(0.4) / scales.typical_change(effects[0].effect.parameters["ratio"])
+    width = np.log(0.5) / scales.typical_change(effects[1].effect.parameters["width_mm"])
+    both = fit(problem, effects, np.array([0.0, ratio, width]), limits=FitLimits(-np.inf))
     alone = both.theta[:2]
     with pytest.raises(InputError, match="z sigma / width"):
         problem.residual(alone, effects[:1])
@@ -556,10 +567,12 @@ def test_a_discrepancy_that_explains_far_more_is_not_taken_out(
     learned_explanation = refits._learned_explanation
     job = trial.fit, None, trial.error_sds, trial.rig
     found = learned_explanation(own, *job, own.cache.scoring)
-    moved = stepped(refits.without_discrepancy(found, found.fit))
+    moved = gauss_newton_step(refits.without_discrepancy(found, found.fit))
     kept = {k: s for k, s in found.error_sds.items() if not COMPONENTS[k].discrepancy}
     density = -0.5 * (moved.chi2 + moved.problem.whitening.log_determinant)
-    behind = found.log_likelihood - density - found.rig.log_prior(kept) - 0.5 * promised(moved)
+    behind = (
+        found.log_likelihood - density - found.rig.log_prior(kept) - 0.5 * expected_decrease(moved)
+    )
     monkeypatch.setitem(vars(FORLORN), "threshold", behind - nearer)
     monkeypatch.setitem(vars(GROSS_MISFIT), "threshold", gross)
     tried = []
@@ -615,10 +628,10 @@ def test_a_fit_that_did_not_end_is_begun_again_from_the_beliefs(again, monkeypat
         first = len(starts) == 1
         fitted = here(problem, effects, start, *rest, **more)
         if first != again:
-            return replace(fitted, ended=not first)
+            return replace(fitted, converged=not first)
         theta = 0.5 * fitted.theta
         return replace(
-            fitted, theta=theta, residual=problem.residual(theta, effects), ended=not first
+            fitted, theta=theta, residual=problem.residual(theta, effects), converged=not first
         )
 
     whole = refits.with_effect(one, state, loose)
@@ -639,7 +652,7 @@ def test_a_trial_whose_fit_did_not_end_is_told(contact, monkeypatch):
         trial = fitted(*arguments)
         if isinstance(trial, Refusal):
             return trial
-        return replace(trial, fit=replace(trial.fit, ended=False))
+        return replace(trial, fit=replace(trial.fit, converged=False))
 
     monkeypatch.setattr(refits, "_fitted", unended)
     proposals.trials(one, found.before, proposals.scores(one, found.before))

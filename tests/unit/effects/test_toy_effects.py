@@ -15,7 +15,7 @@ from eitskin import effects
 from eitskin.configuration import validate
 from eitskin.data import recording
 from eitskin.diagnose import diagnosis, files
-from eitskin.diagnose.fitting.candidates import discrete
+from eitskin.diagnose.fitting.candidates import is_discrete
 from eitskin.diagnose.fitting.tangents import Tangents
 from eitskin.diagnose.report import page
 from eitskin.diagnose.verdict.record import record
@@ -69,7 +69,7 @@ class Softening(SkinEffect):
 
 import numpy as np
 
-from eitskin.effects.effect import Parameter, Setting, WiringEffect
+from eitskin.effects.effect import Combination, Parameter, Setting, WiringEffect
 
 
 class Bleeding(WiringEffect):
@@ -214,18 +214,18 @@ def test_its_derivatives_are_those_of_the_simulator():
         site_counts(CHANNELS),
         (0, 0),
     )
-    about.chosen = others
-    about.voltage = about.base = problem.model.voltage(about.knobs, others)
+    about.settings = others
+    about.voltage = about.base_voltage = problem.model.voltage(about.calibration, others)
     step = 1e-3
     for candidate in candidates_of(recorded, problem, scales):
-        if candidate.name not in ITEMS or candidate.scope == "dense" or discrete(candidate):
+        if candidate.name not in ITEMS or candidate.scope == "dense" or is_discrete(candidate):
             continue
         up, down = (
-            problem.model.voltage(about.knobs, [*others, candidate.setting(np.array([s]))])
+            problem.model.voltage(about.calibration, [*others, candidate.setting(np.array([s]))])
             for s in (step, -step)
         )
-        exact = about.away(problem.whitening((up - down) / (2 * step)).ravel())
-        (found,) = about.of(candidate)
+        exact = about.project_out(problem.whitening((up - down) / (2 * step)).ravel())
+        (found,) = about.columns(candidate)
         assert np.linalg.norm(found - exact) < 0.01 * np.linalg.norm(exact), candidate.key
 
 
@@ -312,11 +312,14 @@ def test_what_an_effect_leaves_out_is_told(silent, left_out):
         ("finding = .*", 'finding = "{shares:%}."', "finding: found {shares:%}, expected one of "),
         (
             "driver = .*",
-            'driver = "static"\n    apart = "share"',
-            "apart: found 'share', expected a",
+            'driver = "static"\n    combination = "share"',
+            "combination: found 'share', expected a Combination",
         ),
-        ("driver = .*", 'driver = "static"\n    apart = "size",', r"apart: found \('size',\), "),
-        ("driver = .*", 'driver = "static"\n    apart = "share",', "apart: found no amounts, "),
+        (
+            "driver = .*",
+            'driver = "static"\n    combination = Combination(("size",), dict, str)',
+            "combination: found size, expected some of share",
+        ),
         ("    order = .*", '    stage = "wires"', "stage: found 'wires', expected a class of a"),
         ("-0.5, 0.5", "0.5, -0.5", "parameters: share: found low 0.5, high -0.5, expected low "),
         ("0.0, -0.5", "0.7, -0.5", "parameters: share, neutral: found 0.7, expected one of -0.5 "),
@@ -373,7 +376,11 @@ def test_an_effect_without_a_name_is_told(silent):
     [
         (r"def change\(", "def change((", "line 22: found .*, expected Python"),
         ('"1", 0.0, ', "0.0, ", "line 16: found TypeError: .*'high', expected code that can be "),
-        ("import Parameter", "import Parameters", "line 6: found ImportError: .*, expected code"),
+        (
+            "import Combination",
+            "import Combinations",
+            "line 6: found ImportError: .*, expected code",
+        ),
     ],
 )
 def test_a_file_that_cannot_be_imported_is_one_line(silent, said, instead, told):

@@ -125,3 +125,20 @@ def test_some_know_next_to_nothing(owner):
 def test_nothing_goes_round_in_a_circle():
     graph = {name: imports(name) - {name} for name in modules()}
     graphlib.TopologicalSorter(graph).prepare()
+
+
+EFFECT_PARTS = {"effect", "settings"}  # of `effects`: what no single effect is
+NAMES_EFFECTS = {"eitskin.diagnose.verdict.identities"}  # equations between effects that it names
+
+
+def test_no_generic_module_knows_a_single_effect():
+    """An effect is one file: what others need of it is a hook that any effect may have."""
+    for name in modules():
+        if not name.startswith("eitskin.") or name.startswith("eitskin.effects"):
+            continue
+        single = {
+            other
+            for other in imports(name)
+            if other.startswith("eitskin.effects.") and other.split(".")[2] not in EFFECT_PARTS
+        }
+        assert name in NAMES_EFFECTS or not single, f"{name} imports {single}"

@@ -6,7 +6,7 @@ from threadpoolctl import threadpool_limits
 
 from eitskin.data.recording import Recording, voltages
 from eitskin.diagnose.fitting.excerpt import LIMIT_GIB, excerpt
-from eitskin.diagnose.fitting.memory import most_frames
+from eitskin.diagnose.fitting.memory import frame_limit
 from eitskin.diagnose.search.journal import Journal
 from eitskin.diagnose.search.staging import prepared, pruned_by_reserve, searched
 from eitskin.diagnose.verdict.diagnosis import Diagnosis, assessed
@@ -51,7 +51,7 @@ def _diagnosed(
             print(f"  {line}", file=sys.stderr, flush=True)
 
     count = len(recording.frames)
-    recording = excerpt(recording, most_frames(recording, memory_GiB))
+    recording = excerpt(recording, frame_limit(recording, memory_GiB))
     if len(recording.frames) < count:
         report(f"an excerpt: {len(recording.frames)} of {count} frames")
     noise, search, reserve_mask = prepared(recording, seed, report, journal)

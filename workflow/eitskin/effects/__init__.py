@@ -13,6 +13,7 @@ from eitskin.effects.effect import (
     ORDER,
     SITES,
     STAGES,
+    Combination,
     Effect,
     InstrumentEffect,
     Parameter,
@@ -86,11 +87,12 @@ def _contradictions(kind: type[Effect], names: Collection[str]) -> Iterator[tupl
     if not isinstance(kind.sites, tuple) or not set(kind.sites) <= set(SITES):
         yield "sites", repr(kind.sites), f"a tuple of {', '.join(SITES)}"
     yield from _method_contradictions(kind, base)
-    if not isinstance(kind.apart, tuple) or not set(kind.apart) <= set(kind.parameters):
-        yield "apart", repr(kind.apart), f"a tuple of {', '.join(kind.parameters)}"
-    for method in ("amounts", "finding_together") if kind.apart else ():
-        if getattr(kind, method) is getattr(Effect, method):
-            yield "apart", f"no {method}", "what they come to, and a sentence of it"
+    combination = kind.combination
+    if combination is not None and not isinstance(combination, Combination):
+        yield "combination", repr(combination), "a Combination"
+    elif combination is not None and not set(combination.parameters) <= set(kind.parameters):
+        expected = f"some of {', '.join(kind.parameters)}"
+        yield "combination", ", ".join(combination.parameters), expected
     placeholders = ["site", *kind.parameters, *(f"{key}:%" for key in kind.parameters)]
     for placeholder in re.findall(r"\{([^{}|]*)\}", kind.finding):
         if placeholder not in placeholders:

@@ -2,10 +2,30 @@
 
 import numpy as np
 
-from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
+from eitskin.effects.effect import Combination, Moment, Parameter, Setting, SkinEffect
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry, Patch
 from eitskin.physics.skin import Skin
+
+
+def _equivalent_radius(values: dict) -> dict[str, tuple[float, str]]:
+    """Radius of the hole, or of the perfect conductor, with the same dipole in an even current:
+    r^2 (c - 1) / (c + 1) of a disc (Isaacson, IEEE Trans. Med. Imaging 5, 1986)."""
+    contrast = values["contrast"]
+    share = abs(contrast - 1.0) / (contrast + 1.0)
+    return {"equivalent_radius_mm": (float(values["radius_mm"] * np.sqrt(share)), "mm")}
+
+
+def _dipole_finding(values: dict) -> str:
+    """The place and its dipole, which is all that a small disc changes."""
+    comparison, equivalent = (
+        ("worse", "hole") if values["contrast"] < 1.0 else ("better", "perfect conductor")
+    )
+    return (
+        f"The gel conducts {comparison} about the place x = {{x_mm}}, y = {{y_mm}} than"
+        f" elsewhere: it bends the current as a {equivalent} of radius {{equivalent_radius_mm}}"
+        " would. How large the place is, and by how much it differs, cannot be told apart."
+    )
 
 
 class ConductivityPatch(SkinEffect):
@@ -26,7 +46,7 @@ class ConductivityPatch(SkinEffect):
         "The gel conducts {contrast} times as well within {radius_mm} of the place x = {x_mm}, y"
         " = {y_mm} as elsewhere."
     )
-    apart = "radius_mm", "contrast"
+    combination = Combination(("radius_mm", "contrast"), _equivalent_radius, _dipole_finding)
     shown_by = "absolute values, with touches all over the skin"
     confusable = ("conductivity-gradient", "domain-shape")
 
@@ -47,21 +67,3 @@ class ConductivityPatch(SkinEffect):
         if geometry.patch is not None:
             raise InputError("effects", self.name, "two of them", "one patch")
         return geometry.with_values(patch=Patch(**setting.values))
-
-    def amounts(self, values: dict) -> dict[str, tuple[float, str]]:
-        """Radius of the hole, or of the perfect conductor, with the same dipole in an even current:
-        r^2 (c - 1) / (c + 1) of a disc (Isaacson, IEEE Trans. Med. Imaging 5, 1986)."""
-        contrast = values["contrast"]
-        share = abs(contrast - 1.0) / (contrast + 1.0)
-        return {"equivalent_radius_mm": (float(values["radius_mm"] * np.sqrt(share)), "mm")}
-
-    def finding_together(self, values: dict) -> str:
-        """The place and its dipole: a small disc has no more to be told."""
-        comparison, equivalent = (
-            ("worse", "hole") if values["contrast"] < 1.0 else ("better", "perfect conductor")
-        )
-        return (
-            f"The gel conducts {comparison} about the place x = {{x_mm}}, y = {{y_mm}} than"
-            f" elsewhere: it bends the current as a {equivalent} of radius {{equivalent_radius_mm}}"
-            " would. How large the place is, and by how much it differs, cannot be told apart."
-        )

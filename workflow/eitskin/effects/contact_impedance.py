@@ -11,6 +11,7 @@ class ContactImpedance(SkinEffect):
     driver = "static"
     sites = ("electrodes",)
     on_contacts = True
+    scaled_attribute = "contact_impedivity_ohm_m2"
     parameters = {"ratio": Parameter("1", 1.0, 1e-3, 1e3)}
     source = "Cheng, Isaacson, Newell, Gisser 1989"
     mend = "re-seat electrode {site}"

@@ -20,7 +20,6 @@ class DomainShape(SkinEffect):
 
     name = "domain-shape"
     driver = "static"
-    several = True
     parameters = {
         "harmonic": Parameter("1", None, 0, 16, dense=False, whole=True),
         "amplitude": Parameter("1", 0.0, 0.0, 0.3, scale=0.02, dense=False),

@@ -1,5 +1,6 @@
 """What an effect is: physics written once, for the simulator to apply and the diagnosis to fit."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -44,6 +45,20 @@ class Parameter:
     of_reading: bool = False
 
 
+@dataclass(frozen=True)
+class Combination:
+    """What readings may determine of several parameters that they do not determine each.
+
+    parameters: their names; amounts: by name the values, 0 where the effect does nothing, and
+    units of the combination at values of the parameters; finding: a diagnosis' sentence at these
+    values, with the amounts as placeholders too.
+    """
+
+    parameters: tuple[str, ...]
+    amounts: Callable[[dict], dict[str, tuple[float, str]]]
+    finding: Callable[[dict], str]
+
+
 class Effect:
     """One effect: class attributes say what it is, one method for its stage says what it does.
 
@@ -58,7 +73,7 @@ class Effect:
     finding: a diagnosis' sentence, for an experimentalist. Its {site} becomes the sites in words,
     {key} a parameter with its interval, {key:%} as a percentage; of {one|several} the one that
     agrees with the number of sites; [a part] is left out where a parameter in it is.
-    apart: parameters that readings may not tell apart, but only what they come to, as of `amounts`.
+    combination: what readings may determine of several parameters where they do not determine each.
     shown_by: the recording that would show the effect where another could not, as a noun phrase.
 
     What a diagnosis asks of it. needs: keys of the skin without which it is no candidate where the
@@ -66,11 +81,10 @@ class Effect:
     tangent leads to it; last_resort: where it is tried only for readings that are not those of the
     skin that is believed, its name and one that may come with it, how many times the usual changes
     are typical then, and coordinates from which fits begin; common: whether one value for all sites
-    is this effect, not another's; several: whether there may be more than one of it, told apart by
-    the values from which their fits start; either: parameters that are laws of their own, of which
-    a diagnosis names one; tone: whether it is a steady tone, whose `frequency_Hz` a periodogram
+    is this effect, not another's; either: parameters that are laws of their own, of which a
+    diagnosis names one; tone: whether it is a steady tone, whose `frequency_Hz` a periodogram
     finds; disc: whether it multiplies the conductivity by `contrast` within a disc at `x_mm`,
-    `y_mm` of `radius_mm`; body: whether it makes a body of the sheet, which takes far more memory.
+    `y_mm` of `radius_mm`.
     """
 
     name: str
@@ -83,7 +97,7 @@ class Effect:
     source: str
     mend: str
     finding: str
-    apart: tuple[str, ...] = ()
+    combination: Combination | None = None
     shown_by: str
     confusable: tuple[str, ...] = ()
     composite = False
@@ -92,11 +106,24 @@ class Effect:
     far: tuple[float, ...] = ()
     last_resort: dict[str, tuple[float, tuple[float, ...]]] = {}
     common = True
-    several = False
     either: tuple[str, ...] = ()
     tone = False
     disc = False
-    body = False
+
+    @property
+    def several(self) -> bool:
+        """Whether there may be more than one of it: entries with different values of a parameter
+        that no fit can move."""
+        return any(parameter.whole for parameter in self.parameters.values())
+
+    def is_stated(self, skin: Skin, touched: bool) -> bool:
+        """Whether what it needs is stated of the skin; touched: whether anybody touches it."""
+        return not touched or all(getattr(skin, key) is not None for key in self.needs)
+
+    def largest_body(self, geometry: Geometry) -> Geometry | None:
+        """The body with the most degrees of freedom that fits of it try in place of a sheet, None
+        where the skin stays a sheet; a body takes far more memory."""
+        return None
 
     def neutral(self, key: str, skin: Skin) -> float | None:
         """A parameter's value at which the effect does nothing to `skin`, None: there is none."""
@@ -120,15 +147,6 @@ class Effect:
     def finding_at(self, values: dict) -> str:
         """`finding`, or what says it better at these values of the parameters."""
         return self.finding
-
-    def amounts(self, values: dict) -> dict[str, tuple[float, str]]:
-        """What the parameters `apart` come to at these values, 0 where they do nothing, and its
-        unit, by name."""
-        return {}
-
-    def finding_together(self, values: dict) -> str:
-        """The sentence where readings tell `amounts` alone, which are placeholders too."""
-        raise NotImplementedError(f"{self.name}: {', '.join(self.apart)}")
 
 
 @dataclass(frozen=True)
@@ -221,13 +239,16 @@ class TouchEffect(Effect):
 class SkinEffect(Effect):
     """An effect on the skin: its shape, its material, its electrodes.
 
-    on_contacts: it changes contacts, which point electrodes do not have. Unless its driver is
+    on_contacts: it changes contacts, which point electrodes do not have. scaled_attribute: that of
+    the geometry that it multiplies by its one parameter, at its sites and nowhere else, so that
+    other effects have their derivatives by this attribute from it. Unless its driver is
     static it may follow all of a moment; between forces and between times it is smooth, or the
     simulator solves every frame's skin.
     """
 
     stage = "skin"
     on_contacts = False
+    scaled_attribute: str | None = None
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry at a moment, changed; a static effect's at any."""

@@ -36,7 +36,6 @@ class ThirdDimension(SkinEffect):
         ),
     }
     far = (0.0,)
-    body = True
     source = "Vauhkonen, Vauhkonen, Savolainen, Kaipio 1999"
     mend = "use electrodes that reach through the whole depth"
     finding = (
@@ -67,6 +66,11 @@ class ThirdDimension(SkinEffect):
                     height_start
                 ]
         return starts
+
+    def largest_body(self, geometry: Geometry) -> Geometry:
+        """The body with the highest electrodes that are tried, unless their height is stated."""
+        height = geometry.electrode_height_mm or HEIGHTS[-1] * geometry.thickness_mm
+        return geometry.with_values(deep=True, electrode_height_mm=height)
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry as a body."""

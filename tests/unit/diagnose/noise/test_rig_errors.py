@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eitskin.diagnose.fitting.linearisation import linearised_rig_errors
-from eitskin.diagnose.fitting.touches import straight
+from eitskin.diagnose.fitting.touches import is_proportional
 from eitskin.diagnose.noise import component_sds, scoring, whitening
 from eitskin.diagnose.noise.component_sds import (
     LARGEST,
@@ -584,7 +584,7 @@ def test_columns_about_a_fit_are_what_one_unit_does(small):
         ("place-per-frame", 0, {"x_mm": share * model.touched}, 0.03),
         ("force-per-frame", 0, {"force_N": share * model.touched}, 0.03),
     ):
-        moved = model.displaced(step).voltage(fitted.theta, [])
+        moved = model.with_displacements(step).voltage(fitted.theta, [])
         change, expected = (moved - there) / share, rig.columns[name][column]
         if COMPONENTS[name].acts_on == "press":
             expected = expected * second[:, None]
@@ -596,7 +596,7 @@ def test_columns_about_a_fit_are_what_one_unit_does(small):
     touch = rig.columns["touch-discrepancy"][0]
     assert not touch[~model.touched].any()
     assert np.allclose(touch[model.touched], (there - level)[model.touched])
-    median = np.median(np.abs(fitted.problem.recorded[fitted.problem.whitening.mask]))
+    median = np.median(np.abs(fitted.problem.readings[fitted.problem.whitening.mask]))
     assert np.isclose(rig.prior_sds["common-noise"], 2e-3 * median)
     assert rig.prior_sds["place-per-press"] == 1.0
 
@@ -642,9 +642,9 @@ def test_an_error_of_the_rig_is_one_class(small, monkeypatch):
     rig = linearised_rig_errors(fitted, problem.whitening, 0.0)
     true = rig.prior_sds["alternating-hum"]
     draw = np.random.default_rng(17)
-    frames = len(problem.recorded)
+    frames = len(problem.readings)
     hum = true * draw.normal(size=(frames, 1)) * rig.columns["alternating-hum"][0]
-    residual = problem.whitening.sd * draw.normal(size=problem.recorded.shape) + hum
+    residual = problem.whitening.sd * draw.normal(size=problem.readings.shape) + hum
     error_sds, best = learn_error_sds(rig, residual, {})
     assert 1 / 1.5 < error_sds["alternating-hum"] / true < 1.5
     assert best > rig.log_likelihood({}, residual) + 10.0
@@ -672,7 +672,7 @@ def test_a_diagnosis_begins_where_no_touch_has_force():
     assert np.isfinite(refits.calibrated(search)[1].log_evidence)
     model = search.problem.model
     far = {key: np.full(len(model.states), 1.0) for key in ("x_mm", "y_mm")}
-    assert not straight(far, model)
+    assert not is_proportional(far, model)
 
 
 def test_sizes_that_a_rig_has_no_columns_for_add_nothing():

@@ -1,6 +1,6 @@
 """Fitted values with their 90 % intervals.
 
-Of a value that ended at a bound of what is tried the interval means nothing: `at_bound` says which.
+The interval of a value at a bound of its range means nothing: `at_bound` says which bound.
 """
 
 from typing import Protocol
@@ -11,127 +11,151 @@ from eitskin.diagnose.fitting.candidates import Candidate
 from eitskin.diagnose.fitting.fit import Problem
 from eitskin.diagnose.noise.noise_model import NORMAL_90
 
-NUDGE = 1e-4
-UNTOLD = 100.0  # the end of a 90 % interval over its beginning, from which on it tells no size
-TOLD = 4.0  # the same, up to which what several parameters come to is told
+DIFFERENCE_STEP = 1e-4  # of a coordinate: central differences of formulas, without a simulation
+# High over low end of a 90 % interval: from the first on a size is not given in words; up to the
+# second the amounts of a combination of parameters are stated.
+UNINFORMATIVE_RATIO, INFORMATIVE_RATIO = 100.0, 4.0
 
 
 class Fitted(Protocol):
-    """What is read of a fit."""
+    """What is needed of a fit."""
 
     @property
     def problem(self) -> Problem:
-        """What was fitted."""
+        """The problem that was fitted."""
 
     @property
     def effects(self) -> list[Candidate]:
-        """The effects fitted."""
+        """The fitted effects."""
 
     @property
     def theta(self) -> np.ndarray:
-        """(P,): the coordinates."""
+        """(P,): the fitted coordinates."""
 
     @property
     def covariance(self) -> np.ndarray:
-        """(P, P) of theta."""
+        """(P, P): of theta."""
 
-    def place(self, index: int) -> slice:
-        """Where an effect's coordinates are among theta."""
+    def coordinate_slice(self, index: int) -> slice:
+        """The slice of theta with an effect's coordinates."""
 
 
 def calibration(fit: Fitted) -> dict[str, dict]:
-    """Every calibration: value, low, high, unit; `at_bound` (low or high) where it ended at one."""
+    """Of every calibration by name: value, low, high, unit; at_bound (low or high) where the value
+    is at one."""
     covariance = fit.covariance
-    found = {}
+    intervals = {}
     for i, item in enumerate(fit.problem.model.calibrations):
-        half = NORMAL_90 * float(np.sqrt(covariance[i, i]))
-        value, low, high = (item.value(fit.theta[i] + s * half) for s in (0, -1, 1))
+        half_width = NORMAL_90 * float(np.sqrt(covariance[i, i]))
+        value, low, high = (item.value(fit.theta[i] + s * half_width) for s in (0, -1, 1))
         low, high = min(low, high), max(low, high)
-        found[item.name] = {"value": value, "low": low, "high": high, "unit": item.unit}
+        intervals[item.name] = {"value": value, "low": low, "high": high, "unit": item.unit}
         bound = item.at_bound(fit.theta[i])
         if bound is not None:
-            found[item.name]["at_bound"] = bound
-    return found
+            intervals[item.name]["at_bound"] = bound
+    return intervals
 
 
 def estimates(fit: Fitted, index: int) -> dict[str, dict]:
-    """Every parameter of effect `index`: value, low, high, unit, `at_bound` (low or high, in a list
-    None for neither) where one ended there; of several sites as lists parallel to them. By linear
-    propagation, of the logarithm where a parameter stays above 0.
+    """Of every parameter of effect `index` by name: value, low, high, unit; at_bound where a value
+    is at a bound (low or high, in a list None for neither). Lists have one value a site. Errors
+    are propagated linearly, those of the logarithm where a parameter stays above 0.
     """
-    effect, place = fit.effects[index], fit.place(index)
-    covariance, theta = fit.covariance[place, place], fit.theta[place]
-    value = effect.setting(theta).values
-    moved = [
-        [effect.setting(theta + sign * NUDGE * unit).values for sign in (1, -1)]
+    effect, coordinates = fit.effects[index], fit.coordinate_slice(index)
+    covariance, theta = fit.covariance[coordinates, coordinates], fit.theta[coordinates]
+    values = effect.setting(theta).values
+    neighbours = [
+        [effect.setting(theta + sign * DIFFERENCE_STEP * unit).values for sign in (1, -1)]
         for unit in np.eye(effect.size)
     ]
-    found = {}
+    intervals = {}
     for key, parameter in effect.effect.parameters.items():
-        if value[key] is None or (key in effect.start and parameter.neutral == value[key]):
+        if values[key] is None or (key in effect.start and parameter.neutral == values[key]):
             continue
-        at = np.asarray(value[key], float)
+        value = np.asarray(values[key], float)
         slope = np.array(
-            [(np.asarray(up[key]) - np.asarray(down[key])) / (2 * NUDGE) for up, down in moved]
-        ).reshape(effect.size, *at.shape)
+            [
+                (np.asarray(up[key]) - np.asarray(down[key])) / (2 * DIFFERENCE_STEP)
+                for up, down in neighbours
+            ]
+        ).reshape(effect.size, *value.shape)
         variance = np.einsum("p...,pq,q...->...", slope, covariance, slope)
-        half = NORMAL_90 * np.sqrt(np.maximum(variance, 0.0))
+        half_width = NORMAL_90 * np.sqrt(np.maximum(variance, 0.0))
         if parameter.low > 0 and not parameter.whole:
-            low, high = at * np.exp(-half / at), at * np.exp(half / at)
+            low, high = value * np.exp(-half_width / value), value * np.exp(half_width / value)
         else:
-            low, high = at - half, at + half
-        low, high = (np.clip(bound, parameter.low, parameter.high) for bound in (low, high))
-        low, high = np.minimum(low, at), np.maximum(high, at)
-        ended = effect.at_bound(key, at)
-        # Where nothing is the least that is tried, a value near it is small, and may be well known.
-        least = ended == "low" if parameter.neutral == parameter.low else np.zeros(at.shape, bool)
-        ended[least & (low > parameter.low)] = None
-        if effect.scope == "sparse" and at.shape == (1,):
-            at, low, high, ended = at[0], low[0], high[0], ended[0]
-        numbers = {"value": at.tolist(), "low": low.tolist(), "high": high.tolist()}
-        found[key] = {**numbers, "unit": parameter.unit}
-        if np.not_equal(ended, np.array(None)).any():
-            found[key]["at_bound"] = ended.tolist() if isinstance(ended, np.ndarray) else ended
-    return found
+            low, high = value - half_width, value + half_width
+        low, high = (np.clip(end, parameter.low, parameter.high) for end in (low, high))
+        low, high = np.minimum(low, value), np.maximum(high, value)
+        bound = effect.at_bound(key, value)
+        # A value near a lower bound that is neutral is a small one, and may be well determined.
+        if parameter.neutral == parameter.low:
+            bound[(bound == "low") & (low > parameter.low)] = None
+        if effect.scope == "sparse" and value.shape == (1,):
+            value, low, high, bound = value[0], low[0], high[0], bound[0]
+        numbers = {"value": value.tolist(), "low": low.tolist(), "high": high.tolist()}
+        intervals[key] = {**numbers, "unit": parameter.unit}
+        if np.not_equal(bound, np.array(None)).any():
+            listed = isinstance(bound, np.ndarray)
+            intervals[key]["at_bound"] = bound.tolist() if listed else bound
+    return intervals
 
 
-def amounts(fit: Fitted, index: int, given: dict[str, dict]) -> dict[str, dict]:
-    """What the parameters `apart` of effect `index` come to, value, low, high and unit, where that
-    is told and they are not by their estimates `given`: one may be as well where its effect does
-    nothing, or its interval is wider than TOLD; none where one ended at a bound. By linear
-    propagation of the logarithm."""
-    effect, place = fit.effects[index], fit.place(index)
-    theta = fit.theta[place]
-    apart = {key: given[key] for key in effect.effect.apart if key in given}
-    vague = [_vague(each, effect.effect.parameters[key].neutral) for key, each in apart.items()]
-    if not any(vague) or any("at_bound" in each for each in apart.values()):
+def amounts(fit: Fitted, index: int, parameter_estimates: dict[str, dict]) -> dict[str, dict]:
+    """The amounts of the combination of effect `index` by name: value, low, high, unit, with the
+    errors of the logarithm propagated linearly.
+
+    Those with an interval below INFORMATIVE_RATIO, and narrower than a parameter's, where some
+    parameter's estimate holds its neutral value or is wider than INFORMATIVE_RATIO; none where a
+    parameter is at a bound, or the effect has no combination.
+    """
+    effect, coordinates = fit.effects[index], fit.coordinate_slice(index)
+    theta = fit.theta[coordinates]
+    combination = effect.effect.combination
+    if combination is None:
         return {}
-    widest = max(_ratio(each) for each in apart.values())
+    confounded = {
+        key: parameter_estimates[key]
+        for key in combination.parameters
+        if key in parameter_estimates
+    }
+    undetermined = [
+        _is_undetermined(estimate, effect.effect.parameters[key].neutral)
+        for key, estimate in confounded.items()
+    ]
+    if not any(undetermined) or any("at_bound" in estimate for estimate in confounded.values()):
+        return {}
+    widest = max(_ratio(estimate) for estimate in confounded.values())
 
-    def of(theta: np.ndarray) -> dict[str, tuple[float, str]]:
-        return effect.effect.amounts(effect.setting(theta).values)
+    def amounts_at(theta: np.ndarray) -> dict[str, tuple[float, str]]:
+        return combination.amounts(effect.setting(theta).values)
 
-    found = {}
-    moved = [(of(theta + unit), of(theta - unit)) for unit in NUDGE * np.eye(effect.size)]
-    for key, (value, unit) in of(theta).items():
-        sides = np.array([[up[key][0], down[key][0]] for up, down in moved])
-        # What is less than both its neighbours is at a turn, where it may be nothing.
+    intervals = {}
+    neighbours = [
+        (amounts_at(theta + step), amounts_at(theta - step))
+        for step in DIFFERENCE_STEP * np.eye(effect.size)
+    ]
+    for key, (value, unit) in amounts_at(theta).items():
+        sides = np.array([[up[key][0], down[key][0]] for up, down in neighbours])
+        # An amount below both its neighbours is at a minimum, and may be 0 there.
         if value <= 0.0 or (sides <= 0.0).any() or (sides.min(axis=1) > value).any():
             continue
-        slope = np.log(sides[:, 0] / sides[:, 1]) / (2 * NUDGE)
-        half = NORMAL_90 * float(np.sqrt(max(slope @ fit.covariance[place, place] @ slope, 0.0)))
-        if 2.0 * half < np.log(min(TOLD, widest)):
-            low, high = value * np.exp(-half), value * np.exp(half)
-            found[key] = {"value": value, "low": float(low), "high": float(high), "unit": unit}
-    return found
+        slope = np.log(sides[:, 0] / sides[:, 1]) / (2 * DIFFERENCE_STEP)
+        variance = slope @ fit.covariance[coordinates, coordinates] @ slope
+        half_width = NORMAL_90 * float(np.sqrt(max(variance, 0.0)))
+        if 2.0 * half_width < np.log(min(INFORMATIVE_RATIO, widest)):
+            low, high = value * np.exp(-half_width), value * np.exp(half_width)
+            intervals[key] = {"value": value, "low": float(low), "high": float(high), "unit": unit}
+    return intervals
 
 
-def _vague(estimate: dict, neutral: float | None) -> bool:
-    """Whether one value may be that at which its effect does nothing, or is not TOLD."""
-    nothing = neutral is not None and estimate["low"] <= neutral <= estimate["high"]
-    return nothing or _ratio(estimate) > TOLD
+def _is_undetermined(estimate: dict, neutral: float | None) -> bool:
+    """Whether the interval of one value holds the neutral value, or is wider than
+    INFORMATIVE_RATIO."""
+    may_be_neutral = neutral is not None and estimate["low"] <= neutral <= estimate["high"]
+    return may_be_neutral or _ratio(estimate) > INFORMATIVE_RATIO
 
 
 def _ratio(estimate: dict) -> float:
-    """The end of the interval of one value above 0 over its beginning."""
+    """High over low end of the interval of one value, infinite where it reaches 0."""
     return estimate["high"] / estimate["low"] if estimate["low"] > 0.0 else np.inf

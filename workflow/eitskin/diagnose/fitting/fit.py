@@ -1,4 +1,8 @@
-"""Calibrations and effects fitted together: nonlinear least squares on whitened residuals."""
+"""Calibrations and effects fitted together: nonlinear least squares on whitened residuals.
+
+The cost of coordinates theta is |W (y - f(theta))|² + Σ p_i theta_i², with readings y, simulation
+f, whitening W (the noise's covariance is (WᵀW)⁻¹) and the prior's precisions p.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
@@ -6,71 +10,92 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 from scipy.special import erf
 
-from eitskin.diagnose.fitting.candidates import Candidate, own_channels
+from eitskin.diagnose.fitting.candidates import Candidate, exclusive_channels
 from eitskin.diagnose.fitting.jacobian import Block, Jacobian, in_groups
 from eitskin.diagnose.fitting.simulator import RecordingSimulator
 from eitskin.diagnose.noise.whitening import Whitening
 from eitskin.effects.effect import Setting
 from eitskin.errors import InputError
 
-STEP = 1e-3
-MOST_ROUNDS = 30
-STALE = 2  # steps in vain, the second a shorter one, for which the Jacobian is found anew
-ENOUGH = 0.02  # of chi squared, where a fit ends at its optimum; intervals are 1
-NEARLY = 0.2  # where it need not
-ROUGH = 3e-5  # of the misfit: where much is missing, less is enough
-RENEWALS = 1  # of the Jacobian, in a fit that need not end at its optimum
-FARTHEST = 3.0  # a coordinate's step
-HOPE = 2.0  # times the decrease that a linear model promises
-WIDE = 30.0  # sd of an effect's coordinate while it is fitted: a guard, no opinion
-ROUNDING = 1e-14  # of a precision's eigenvalues beside its diagonal
+STEP = 1e-3  # of a coordinate, whose typical change is 1
+MAX_ITERATIONS = 30  # of a fit; one that needs more is marked as not converged
+FAILURES_TO_RENEWAL = 2  # rejected steps, the second a shorter one, that blame the Jacobian
+# Expected decreases of chi squared at which a fit ends: at its optimum, where intervals are at a
+# change of 1, and near it; and the share of the misfit that is added to these, as less is enough
+# where much is missing.
+OPTIMUM_TOLERANCE, ROUGH_TOLERANCE, MISFIT_TOLERANCE = 0.02, 0.2, 3e-5
+JACOBIAN_RENEWALS = 1  # in a fit that need not end at its optimum
+MAX_STEP = 3.0  # of a coordinate, in typical changes: a linear model holds no further
+DECREASE_FACTOR = 2.0  # a step may lower the cost by so many times what a linear model expects
+EFFECT_PRIOR_SD = 30.0  # of an effect's coordinate in a fit: keeps it finite and weighs nothing
+EIGENVALUE_FLOOR = 1e-14  # of a precision with a diagonal of ones: less is rounding
+# Marquardt's damping: at the start, after a rejected step at least, and where a fit is given up;
+# its factors after a step that was as good as expected, that was not, and that was rejected.
+DAMPING_START, MIN_REJECTED_DAMPING, DAMPING_LIMIT = 1e-6, 1e-3, 1e6
+DAMPING_DOWN, DAMPING_INACCURATE, DAMPING_UP = 0.1, 3.0, 30.0
+ACCURATE_SHARE = 0.25  # of the expected decrease: less, and the linear model is wrong
+MIN_INFORMATION = 1e-12  # of a coordinate that changes nothing, so that damping holds it
+
+
+@dataclass(frozen=True)
+class FitLimits:
+    """When a fit gives up. cost: where no cost below this one is to be expected; renewals: how many
+    times the Jacobian may be computed anew on the way."""
+
+    cost: float = np.inf
+    renewals: int = JACOBIAN_RENEWALS
 
 
 @dataclass(frozen=True)
 class Problem:
-    """What is fitted: recorded readings (N, M), their simulator, their covariance."""
+    """What is fitted: the readings (N, M) of a recording, NaN where none is fitted, with their
+    simulator and their covariance."""
 
     model: RecordingSimulator
-    recorded: np.ndarray
+    readings: np.ndarray
     whitening: Whitening
 
     def residual(self, theta: np.ndarray, effects: list[Candidate]) -> np.ndarray:
-        """(N, M) whitened recording minus simulation; InputError where the physics has none."""
+        """(N, M): readings less simulation at theta (P,), whitened. Raises InputError where the
+        physics has no solution."""
         with np.errstate(invalid="ignore"):
-            return self.whitening(self.recorded - self.voltage(theta, effects))
+            return self.whitening(self.readings - self.voltage(theta, effects))
 
     def voltage(self, theta: np.ndarray, effects: list[Candidate]) -> np.ndarray:
-        """(N, M): the readings to be expected; of magnitudes with noise, the mean of a folded
+        """(N, M): expected readings at theta (P,); of magnitudes with noise, the mean of a folded
         normal distribution (Leone, Nelson, Nottingham, Technometrics 3, 1961)."""
         simulated = self.model.voltage(*self.split(theta, effects))
         if not self.model.magnitude or self.model.difference:
             return simulated
-        over = simulated / (np.sqrt(2.0) * self.whitening.sd)
+        scaled = simulated / (np.sqrt(2.0) * self.whitening.sd)
         noise = np.sqrt(2.0 / np.pi) * self.whitening.sd
-        return simulated * erf(over) + noise * np.exp(-(over**2))
+        return simulated * erf(scaled) + noise * np.exp(-(scaled**2))
 
     def split(self, theta: np.ndarray, effects: list[Candidate]) -> tuple[np.ndarray, list]:
-        """Calibration coordinates (P,), and the effects' settings."""
+        """The calibrations' coordinates in theta (P,), and the effects' settings there."""
         start = len(self.model.calibrations)
-        knobs, settings = theta[:start], []
+        calibration, settings = theta[:start], []
         for candidate in effects:
             settings.append(candidate.setting(theta[start : start + candidate.size]))
             start += candidate.size
-        return knobs, settings
+        return calibration, settings
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A set of effects fitted: theta (P,) the calibrations' coordinates, then each effect's;
-    residual (N, M) whitened; slopes, minus the residual's derivative; ended: whether not for the
-    number of rounds alone."""
+    """A set of effects, fitted.
+
+    theta (P,): the calibrations' coordinates, then those of every effect in turn; residual (N, M):
+    whitened; slopes: minus its derivative by theta; converged: False where the fit stopped at
+    MAX_ITERATIONS.
+    """
 
     problem: Problem
     effects: list[Candidate]
     theta: np.ndarray
     residual: np.ndarray
     slopes: Jacobian
-    ended: bool = True
+    converged: bool = True
     chi2: float = field(init=False)
 
     def __post_init__(self) -> None:
@@ -78,22 +103,22 @@ class Fit:
 
     @property
     def cost(self) -> float:
-        """Chi squared, and what the prior adds."""
+        """Chi squared plus the prior's part."""
         return float(self.chi2 + self.prior @ self.theta**2)
 
     @property
     def misfit(self) -> np.ndarray:
-        """(N, M): readings less the fit's, in the recording's unit; 0 where there are none."""
-        return np.where(self.problem.whitening.mask, self.problem.recorded - self.voltage(), 0.0)
+        """(N, M): readings less the fit's, in the recording's unit; 0 where none is fitted."""
+        return np.where(self.problem.whitening.mask, self.problem.readings - self.voltage(), 0.0)
 
     @property
     def prior(self) -> np.ndarray:
-        """(P,): the prior's precision of each coordinate."""
+        """(P,): the prior precision of each coordinate."""
         return _prior(self.problem, len(self.theta))
 
     @property
     def information(self) -> np.ndarray:
-        """(P, P): the data's, without the prior's."""
+        """(P, P): the information of the data, without the prior's."""
         return self.slopes.gram()
 
     @property
@@ -103,17 +128,17 @@ class Fit:
 
     @property
     def root(self) -> np.ndarray:
-        """(P, P): of the covariance of theta, as of `inverse_root`."""
+        """(P, P): a square root of the covariance of theta (`inverse_root`)."""
         return inverse_root(self.information + np.diag(self.prior))
 
     @property
     def covariance(self) -> np.ndarray:
-        """(P, P) of theta."""
+        """(P, P): of theta, from the information and the prior."""
         root = self.root
         return root @ root.T
 
-    def place(self, index: int) -> slice:
-        """Where the coordinates of effect `index` stand in theta."""
+    def coordinate_slice(self, index: int) -> slice:
+        """The slice of theta with the coordinates of effect `index`."""
         start = len(self.problem.model.calibrations)
         start += sum(candidate.size for candidate in self.effects[:index])
         return slice(start, start + self.effects[index].size)
@@ -123,27 +148,27 @@ class Fit:
         return self.problem.split(self.theta, self.effects)[1]
 
     def voltage(self) -> np.ndarray:
-        """(N, M): what the fit has for the recording."""
+        """(N, M): the readings expected by the fit."""
         return self.problem.voltage(self.theta, self.effects)
 
-    def without(self, index: int) -> np.ndarray:
-        """(N, M): what is simulated without effect `index`, the others as they are fitted;
-        InputError where no skin has the rest alone."""
-        knobs, chosen = self.problem.split(self.theta, self.effects)
-        return self.problem.model.voltage(knobs, chosen[:index] + chosen[index + 1 :])
+    def voltage_without(self, index: int) -> np.ndarray:
+        """(N, M): readings simulated with the fitted effects other than `index`. Raises InputError
+        where they have no physics without it."""
+        calibration, settings = self.problem.split(self.theta, self.effects)
+        return self.problem.model.voltage(calibration, settings[:index] + settings[index + 1 :])
 
 
 def inverse_root(precision: np.ndarray) -> np.ndarray:
-    """(P, P): R of a symmetric precision (P, P), R Rᵀ its inverse. Rounding may have left it not
-    positive: no eigenvalue, at a diagonal of ones, counts as less than ROUNDING."""
+    """(P, P): R with R Rᵀ = A⁻¹ of a symmetric precision A (P, P). As rounding may make A
+    indefinite, eigenvalues below EIGENVALUE_FLOOR, at a diagonal of ones, are raised to it."""
     scale = 1.0 / np.sqrt(np.diag(precision))
     values, vectors = np.linalg.eigh(precision * np.outer(scale, scale))
-    return scale[:, None] * vectors / np.sqrt(np.maximum(values, ROUNDING))
+    return scale[:, None] * vectors / np.sqrt(np.maximum(values, EIGENVALUE_FLOOR))
 
 
 def _prior(problem: Problem, size: int) -> np.ndarray:
-    knobs = len(problem.model.calibrations)
-    return np.r_[np.ones(knobs), np.full(size - knobs, WIDE**-2)]
+    calibration_count = len(problem.model.calibrations)
+    return np.r_[np.ones(calibration_count), np.full(size - calibration_count, EFFECT_PRIOR_SD**-2)]
 
 
 def derivative(
@@ -153,25 +178,29 @@ def derivative(
     residual: np.ndarray,
     index: int | np.ndarray,
 ) -> np.ndarray:
-    """(N, M): minus the residual's derivative by coordinate `index`, or by several together."""
-    return -difference(lambda moved: problem.residual(moved, effects), theta, residual, index)
+    """(N, M): minus the derivative of the residual by coordinate `index` of theta (P,), or by
+    several coordinates moved together; residual (N, M): at theta."""
+    return -difference(
+        lambda shifted_theta: problem.residual(shifted_theta, effects), theta, residual, index
+    )
 
 
 def difference(
     value: Callable[[np.ndarray], np.ndarray],
     theta: np.ndarray,
-    there: np.ndarray,
+    start_value: np.ndarray,
     index: int | np.ndarray,
 ) -> np.ndarray:
-    """Derivative of `value`, which is `there` at theta (P,), by coordinate `index`, or by several
-    together: forwards, backwards where the physics has nothing ahead."""
-    moved = theta.copy()
-    moved[index] += STEP
+    """Finite difference of a function of theta (P,), whose value there is `start_value`, by
+    coordinate `index` or by several moved together: forward, or backward where the physics has no
+    solution ahead. Raises InputError where it has none on either side."""
+    shifted_theta = theta.copy()
+    shifted_theta[index] += STEP
     try:
-        return (value(moved) - there) / STEP
+        return (value(shifted_theta) - start_value) / STEP
     except InputError:
-        moved[index] -= 2 * STEP
-        return (there - value(moved)) / STEP
+        shifted_theta[index] -= 2 * STEP
+        return (start_value - value(shifted_theta)) / STEP
 
 
 def fit(
@@ -180,109 +209,112 @@ def fit(
     start: np.ndarray,
     jacobian: np.ndarray | None = None,
     polish: bool = False,
-    enough: float = np.inf,
-    renewals: int | None = None,
+    limits: FitLimits | None = None,
 ) -> Fit:
-    """Levenberg (1944) and Marquardt's (1963) method, the Jacobian kept up by Broyden's (1965).
+    """Fit by the method of Levenberg (1944) and Marquardt (1963), with the Jacobian updated by
+    Broyden's (1965).
 
-    start (P,); jacobian (P, N, M) at the start, where it is known, NaN columns where it is not;
-    polish: end with a fresh Jacobian, at its optimum, else near it; enough: give up where no cost
-    below it is in sight; renewals: of the Jacobian on the way, at most; None: as many as a polish
-    takes, else RENEWALS. A step into physics that has no solution is refused like one that does
-    not help.
+    start (P,): theta to begin at; jacobian (P, N, M): minus the residual's derivative there, NaN
+    in the columns that are not known, None where none is; polish: end at the optimum, with a fresh
+    Jacobian, instead of near it; limits: when to give up, by default never, with as many renewals
+    of the Jacobian as iterations where the fit is polished, JACOBIAN_RENEWALS where it is not. A
+    step to where the physics has no solution is rejected like one that raises the cost. Raises
+    InputError where the physics has none at the start.
     """
+    limits = limits or FitLimits(renewals=MAX_ITERATIONS if polish else JACOBIAN_RENEWALS)
     theta, prior = np.array(start, float), _prior(problem, len(start))
     residual = problem.residual(theta, effects)
-    fresh = jacobian is None
+    is_fresh = jacobian is None
     slopes = _slopes(problem, theta, effects, residual, jacobian)
     cost = (residual**2).sum() + prior @ theta**2
     dof = max(problem.whitening.size - len(theta), 1)
-    damping, failed = 1e-6, 0
-    if renewals is None:
-        renewals = MOST_ROUNDS if polish else RENEWALS
-    ended = True
-    for _ in range(MOST_ROUNDS):
+    damping, failed, renewals = DAMPING_START, 0, limits.renewals
+    tolerance = OPTIMUM_TOLERANCE if polish else ROUGH_TOLERANCE
+    converged = True
+    for _ in range(MAX_ITERATIONS):
         information = slopes.gram() + np.diag(prior)
-        slope = slopes.against(residual) - prior * theta
-        lift = np.diag(damping * np.maximum(np.diag(information), 1e-12))
-        step = np.linalg.solve(information + lift, slope)
+        slope = slopes.products_with(residual) - prior * theta
+        ridge = np.diag(damping * np.maximum(np.diag(information), MIN_INFORMATION))
+        step = np.linalg.solve(information + ridge, slope)
         expected = float(2 * step @ slope - step @ information @ step)
-        if cost - HOPE * max(expected, 0.0) > enough:
+        if cost - DECREASE_FACTOR * max(expected, 0.0) > limits.cost:
             break
-        if expected < (ENOUGH if polish else NEARLY) + ROUGH * max(cost - dof, 0.0):
-            if fresh or expected < 0 or (failed == 0 and not polish) or renewals == 0:
+        if expected < tolerance + MISFIT_TOLERANCE * max(cost - dof, 0.0):
+            if is_fresh or expected < 0 or (failed == 0 and not polish) or renewals == 0:
                 break
             slopes = _slopes(problem, theta, effects, residual)
-            fresh, failed, renewals = True, 0, renewals - 1
+            is_fresh, failed, renewals = True, 0, renewals - 1
             continue
-        step = np.clip(step, -FARTHEST, FARTHEST)
+        step = np.clip(step, -MAX_STEP, MAX_STEP)
         try:
-            moved = problem.residual(theta + step, effects)
+            trial_residual = problem.residual(theta + step, effects)
         except InputError:
-            moved = np.full_like(residual, np.inf)
-        new_cost = (moved**2).sum() + prior @ (theta + step) ** 2
-        if new_cost < cost:
-            slopes.learn(step, residual - moved - slopes.along(step))
-            useful = cost - new_cost > 0.25 * expected
-            theta, residual, cost = theta + step, moved, new_cost
-            damping = damping * (0.1 if useful else 3.0)
-            fresh, failed = False, 0 if useful else failed + 1
+            trial_residual = np.full_like(residual, np.inf)
+        trial_cost = (trial_residual**2).sum() + prior @ (theta + step) ** 2
+        if trial_cost < cost:
+            slopes.broyden_update(step, residual - trial_residual - slopes.change_along(step))
+            accurate = cost - trial_cost > ACCURATE_SHARE * expected
+            theta, residual, cost = theta + step, trial_residual, trial_cost
+            damping = damping * (DAMPING_DOWN if accurate else DAMPING_INACCURATE)
+            is_fresh, failed = False, 0 if accurate else failed + 1
         else:
             failed += 1
-            if fresh or renewals == 0 or failed % STALE:
-                damping = max(damping * 30.0, 1e-3)
-                if damping > 1e6:
+            if is_fresh or renewals == 0 or failed % FAILURES_TO_RENEWAL:
+                damping = max(damping * DAMPING_UP, MIN_REJECTED_DAMPING)
+                if damping > DAMPING_LIMIT:
                     break
             else:
                 slopes = _slopes(problem, theta, effects, residual)
-                fresh, renewals = True, renewals - 1
+                is_fresh, renewals = True, renewals - 1
     else:
-        ended = False
-    if polish and not fresh:
+        converged = False
+    if polish and not is_fresh:
         slopes = _slopes(problem, theta, effects, residual)
-    return Fit(problem, list(effects), theta, residual, slopes, ended)
+    return Fit(problem, list(effects), theta, residual, slopes, converged)
 
 
-def stepped(fitted: Fit, least: float = 0.0) -> Fit:
-    """A fit after a step of Gauss and Newton, itself where that does not help, or promises to lower
-    the cost by less than `least`; the slopes stay."""
+def gauss_newton_step(fitted: Fit, min_decrease: float = 0.0) -> Fit:
+    """A fit after one step of Gauss and Newton, its slopes as they were; the fit itself where the
+    step does not lower the cost, or is expected to lower it by less than `min_decrease`."""
     problem = fitted.problem
-    root, along = _along(fitted)
-    if along @ along < least:
+    root, whitened_step = _whitened_step(fitted)
+    if whitened_step @ whitened_step < min_decrease:
         return fitted
-    step = np.clip(root @ along, -FARTHEST, FARTHEST)
+    step = np.clip(root @ whitened_step, -MAX_STEP, MAX_STEP)
     try:
         residual = problem.residual(fitted.theta + step, fitted.effects)
     except InputError:
         return fitted
-    moved = replace(fitted, theta=fitted.theta + step, residual=residual)
-    return moved if moved.cost < fitted.cost else fitted
+    stepped_fit = replace(fitted, theta=fitted.theta + step, residual=residual)
+    return stepped_fit if stepped_fit.cost < fitted.cost else fitted
 
 
-def promised(fitted: Fit) -> float:
-    """By how much a step of Gauss and Newton promises to lower the cost."""
-    _, along = _along(fitted)
-    return float(along @ along)
+def expected_decrease(fitted: Fit) -> float:
+    """The decrease of the cost, gᵀ C g, that is expected of a step of Gauss and Newton: g half the
+    cost's gradient, C the covariance of theta."""
+    _, whitened_step = _whitened_step(fitted)
+    return float(whitened_step @ whitened_step)
 
 
-def _along(fitted: Fit) -> tuple[np.ndarray, np.ndarray]:
-    """The covariance's root (P, P), and the step of Gauss and Newton in its units (P,)."""
-    slope = fitted.slopes.against(fitted.residual) - fitted.prior * fitted.theta
+def _whitened_step(fitted: Fit) -> tuple[np.ndarray, np.ndarray]:
+    """The square root R (P, P) of theta's covariance, and w (P,) with the step of Gauss and Newton
+    R w."""
+    slope = fitted.slopes.products_with(fitted.residual) - fitted.prior * fitted.theta
     root = fitted.root
     return root, root.T @ slope
 
 
-def refreshed(fitted: Fit) -> Fit:
-    """A fit with its slopes found anew where it is."""
+def renewed_slopes(fitted: Fit) -> Fit:
+    """A fit with its slopes computed anew at its theta."""
     slopes = _slopes(fitted.problem, fitted.theta, fitted.effects, fitted.residual)
     return replace(fitted, slopes=slopes)
 
 
-def whitened_anew(fitted: Fit, problem: Problem) -> Fit:
-    """A fit's residual in another problem of the same readings, its slopes in that covariance."""
-    if all(
-        getattr(problem, one.name) is getattr(fitted.problem, one.name) for one in fields(problem)
-    ):
+def rewhitened(fitted: Fit, problem: Problem) -> Fit:
+    """A fit with its residual and slopes in the covariance of another problem of the same readings;
+    the slopes of its simulation stay."""
+    names = [attribute.name for attribute in fields(problem)]
+    if all(getattr(problem, name) is getattr(fitted.problem, name) for name in names):
         return fitted
     old, new = fitted.problem.whitening, problem.whitening
     residual = problem.residual(fitted.theta, fitted.effects)
@@ -295,42 +327,45 @@ def _slopes(
     theta: np.ndarray,
     effects: list[Candidate],
     residual: np.ndarray,
-    known: np.ndarray | None = None,
+    columns: np.ndarray | None = None,
 ) -> Jacobian:
-    """The Jacobian; of columns known (P, N, M), those that are NaN by differences. Coordinates that
-    move channels of their own are moved together."""
+    """Minus the residual's derivative at theta (P,). Of columns (P, N, M) those that are NaN are
+    computed, all of them where there are no columns. Coordinates that change channels exclusive to
+    each are differenced together."""
     shape = residual.shape
-    unknown = np.ones(len(theta), bool) if known is None else np.isnan(known[:, 0]).any(axis=1)
-    apart = []
+    missing = np.ones(len(theta), bool) if columns is None else np.isnan(columns[:, 0]).any(axis=1)
+    exclusive = []
     start = len(problem.model.calibrations)
     for candidate in effects:
-        place = np.arange(start, start + candidate.size)
+        coordinates = np.arange(start, start + candidate.size)
         start += candidate.size
-        others = [c.effect for c in effects if c is not candidate]
-        own = own_channels(candidate, others, problem.model.channels)
-        if own is not None and candidate.size > 1:
-            apart.append((place, own))
-    # Rig errors take a channel's change on to others.
+        other_effects = [c.effect for c in effects if c is not candidate]
+        channel_masks = exclusive_channels(candidate, other_effects, problem.model.channels)
+        if channel_masks is not None and candidate.size > 1:
+            exclusive.append((coordinates, channel_masks))
+    # Whitening spreads a channel's change to others where frames have errors of a rig.
     whitening, blocks = problem.whitening, []
     if whitening.by_channel:
-        single = [pair for pair in apart if (pair[1].sum(axis=1) == 1).all()]
-        blocks = [(place, own.argmax(axis=1)) for place, own in single]
-    if known is None:
-        size = len(theta) - sum(len(place) for place, _ in blocks)
+        single_channel = [pair for pair in exclusive if (pair[1].sum(axis=1) == 1).all()]
+        blocks = [(coordinates, masks.argmax(axis=1)) for coordinates, masks in single_channel]
+    if columns is None:
+        size = len(theta) - sum(len(coordinates) for coordinates, _ in blocks)
         empty = [Block(*block, np.zeros(shape)) for block in blocks]
         slopes = Jacobian(np.empty((size, *shape)), empty)
     else:
-        slopes = Jacobian.of(known, blocks)
-    for place, own in apart:
-        if unknown[place].any():
-            together = derivative(problem, theta, effects, residual, place)
+        slopes = Jacobian.from_full(columns, blocks)
+    for coordinates, channel_masks in exclusive:
+        if missing[coordinates].any():
+            joint_column = derivative(problem, theta, effects, residual, coordinates)
             if whitening.by_channel:
-                slopes.put(place, own, together)
+                slopes.set_columns(coordinates, channel_masks, joint_column)
             else:
-                alone = own[:, None, :] * whitening.unwhitened(together)
-                slopes.columns[np.searchsorted(slopes.at, place)] = in_groups(whitening, alone)
-            unknown[place] = False
-    for i in np.flatnonzero(unknown):
-        every = np.ones((1, shape[1]), bool)
-        slopes.put(np.array([i]), every, derivative(problem, theta, effects, residual, int(i)))
+                separate_columns = channel_masks[:, None, :] * whitening.unwhitened(joint_column)
+                rows = np.searchsorted(slopes.column_coordinates, coordinates)
+                slopes.columns[rows] = in_groups(whitening, separate_columns)
+            missing[coordinates] = False
+    for i in np.flatnonzero(missing):
+        all_channels = np.ones((1, shape[1]), bool)
+        column = derivative(problem, theta, effects, residual, int(i))
+        slopes.set_columns(np.array([i]), all_channels, column)
     return slopes

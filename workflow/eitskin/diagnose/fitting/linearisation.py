@@ -24,8 +24,8 @@ def linearisation(fit: Fit, converter_step: float) -> Linearisation:
     problem = fit.problem
     model, whitening = problem.model, problem.whitening
     voltage = fit.voltage()
-    touched = model.touched & model.known
-    typical = np.median(np.abs(problem.recorded[whitening.mask]))
+    touched = model.touched & model.simulable
+    typical = np.median(np.abs(problem.readings[whitening.mask]))
     return Linearisation(
         voltage=voltage,
         derivatives=touch_derivatives(fit, voltage),
@@ -47,7 +47,7 @@ def touch_derivatives(fit: Fit, voltage: np.ndarray) -> dict[str, np.ndarray]:
     None by force where no touch has any; none at all where nobody touches or the physics has none.
     """
     model = fit.problem.model
-    touched = model.touched & model.known
+    touched = model.touched & model.simulable
     if not touched.any():
         return {}
     force_N, largest_N = model.states["force_N"].to_numpy(float), model.force_max_N
@@ -62,7 +62,7 @@ def touch_derivatives(fit: Fit, voltage: np.ndarray) -> dict[str, np.ndarray]:
     derivatives = {}
     for column, step in steps.items():
         try:
-            displaced = model.displaced({column: step}).voltage(calibration, settings)
+            displaced = model.with_displacements({column: step}).voltage(calibration, settings)
         except InputError:
             return {}
         derivatives[column] = np.where(touched[:, None], (displaced - voltage) / step[:, None], 0.0)

@@ -8,7 +8,7 @@ import numpy as np
 
 from eitskin.data.check import naming
 from eitskin.data.recording import Recording
-from eitskin.diagnose.fitting.channel_mapping import carried, unknown
+from eitskin.diagnose.fitting.channel_mapping import mapped_setting, unmapped_channels
 from eitskin.diagnose.fitting.fit import Fit, Problem, difference
 from eitskin.diagnose.fitting.simulator import RecordingSimulator
 from eitskin.errors import InputError
@@ -56,7 +56,7 @@ def _unmapped_effects(fit: Fit, recording: Recording, query: Recording) -> list[
     without; a line on stderr each says of which."""
     indices = []
     for index, setting in enumerate(fit.settings()):
-        rows = unknown(setting, recording.channels, query.channels)
+        rows = unmapped_channels(setting, recording.channels, query.channels)
         if len(rows):
             indices.append(index)
             assert setting.kind is not None
@@ -72,14 +72,14 @@ def simulator(fit: Fit, recording: Recording, query: Recording) -> Callable[...,
     coordinates (P,) of a recording's fit, and of the index of an effect that differs by its spread
     at sites which the recording does not have. Raises InputError for touches of unknown state."""
     problem = Problem(RecordingSimulator(recording, query), np.zeros(1), fit.problem.whitening)
-    if not problem.model.known.all():
-        row = int(np.flatnonzero(~problem.model.known)[0])
+    if not problem.model.simulable.all():
+        row = int(np.flatnonzero(~problem.model.simulable)[0])
         raise InputError("query", f"row {row}", "a touch of unknown state", "x, y, force and probe")
 
     def voltage(theta: np.ndarray, unmapped: int | None = None) -> np.ndarray:
         knobs, settings = problem.split(theta, fit.effects)
         mapped = [
-            carried(setting, recording.channels, query.channels, float(index == unmapped))
+            mapped_setting(setting, recording.channels, query.channels, float(index == unmapped))
             for index, setting in enumerate(settings)
         ]
         return problem.model.voltage(knobs, mapped)

@@ -43,8 +43,8 @@ def problem_of(
         median = float(np.nanmedian(np.abs(readings)))
     share = float(np.median(noise.sd)) / np.sqrt(len(readings)) / (median or 1.0)
     model.coarse = not model.touched.any() and share > NOISE_OVER_ERROR * BODY_ERROR
-    geometry = Geometry.from_skin(model.believed)
-    current = model.believed.current_A if model.unit != "ohm" else 1.0
+    geometry = Geometry.from_skin(model.nominal_skin)
+    current = model.nominal_skin.current_A if model.unit != "ohm" else 1.0
     assert current is not None
     error = np.abs(current * untouched_error(geometry, recording.channels, "diagnose"))
     coherent = BODY_ERROR if model.coarse else SOLVER_ERROR
@@ -65,7 +65,7 @@ def comparable_readings(
         if noise.rejected_mask is None
         else noise.rejected_mask
     )
-    return np.where(model.known[:, None] & ~lost, recording.readings, np.nan)
+    return np.where(model.simulable[:, None] & ~lost, recording.readings, np.nan)
 
 
 def noise_and_problem(
@@ -83,7 +83,7 @@ def noise_and_problem(
     model = problem.model
     start = np.zeros(len(model.calibrations))
     calibrated = fit(problem, [], start, polish=True).voltage()
-    simulated = np.where(model.known[:, None], calibrated, np.nan)
+    simulated = np.where(model.simulable[:, None], calibrated, np.nan)
     if not (model.difference or model.touched.all()):
         reserved_channels = np.isnan(fitted.readings).all(axis=0)
         level = np.abs(calibrated[~model.touched].mean(axis=0))
@@ -109,4 +109,4 @@ def reserve_problem(
     white = replace(problem.whitening, mask=np.isfinite(readings))
     if white.size <= 0:
         return problem
-    return replace(problem, recorded=readings, whitening=white)
+    return replace(problem, readings=readings, whitening=white)

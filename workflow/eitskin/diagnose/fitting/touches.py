@@ -1,9 +1,9 @@
-"""Where touches were truly, as far as their own readings tell: by Levenberg's (1944) and
-Marquardt's (1963) method, each frame's by itself.
+"""Places and forces of touches estimated from their readings, each frame's by itself, by the
+method of Levenberg (1944) and Marquardt (1963).
 
-Readings of a touch that is a millimetre beside where it is said to be do not follow the error in
-proportion. The tangents of a rig's errors are then those of the places and forces found here
-(first-order conditional linearisation: Lindstrom, Bates, Biometrics 46, 1990).
+The readings of a touch that is a millimetre beside its reported place are not linear in that error.
+The errors of a rig are then linearised about the places and forces estimated here (first-order
+conditional linearisation: Lindstrom, Bates, Biometrics 46, 1990).
 """
 
 from collections.abc import Mapping
@@ -17,93 +17,118 @@ from eitskin.diagnose.fitting.simulator import RecordingSimulator
 from eitskin.diagnose.noise.rig_errors import RigErrors
 from eitskin.errors import InputError
 
-STRAYS = 3.0  # sd by which touches are followed: more is another fault's
-# Up to which readings follow a stray in proportion: of a place, of a force over the largest.
-STRAIGHT_MM, STRAIGHT_FORCE = 0.1, 0.03
-ROUNDS = 12
-START, WORST, LESS, MORE = 1e-3, 1e6, 0.1, 10.0  # damping
-ENOUGH = 0.5  # of a frame's chi squared, for which it is not moved on
-TINY = 1e-12
+MAX_DISPLACEMENT_SDS = 3.0  # beyond these a displacement is another fault's
+# Displacements in which readings are linear: of a place, and of a force over the largest one.
+LINEAR_MM, LINEAR_FORCE = 0.1, 0.03
+MAX_ITERATIONS = 12  # a frame that has not ended by then keeps its best state
+# Marquardt's damping: at the start, where a frame is given up, and its factors after a better and
+# after a worse step.
+DAMPING_START, DAMPING_LIMIT, DAMPING_DOWN, DAMPING_UP = 1e-3, 1e6, 0.1, 10.0
+MIN_DECREASE = 0.5  # of a frame's chi squared: a third of its sd by one coordinate (√2)
+MIN_SD = 1e-12  # mm and N, against a division by 0 where an error does not act
 
 
-def moved(model: RecordingSimulator, said: RecordingSimulator) -> dict[str, np.ndarray]:
-    """By how much (N,) a simulator has touches elsewhere than they are said to be, mm and N, by
-    columns of the states."""
+def displacements(model: RecordingSimulator, reported: RecordingSimulator) -> dict[str, np.ndarray]:
+    """Displacements (N,) of a simulator's touches from the reported ones, in mm and N, by column of
+    the states."""
     return {
-        key: np.nan_to_num((model.states[key] - said.states[key]).to_numpy(float))
+        key: np.nan_to_num((model.states[key] - reported.states[key]).to_numpy(float))
         for key in ("x_mm", "y_mm", "force_N")
     }
 
 
-def followed(
-    plain: Problem, fitted: Fit, rig: RigErrors, sizes: Mapping[str, float]
+def relocated_touches(
+    problem: Problem, fitted: Fit, rig: RigErrors, error_sds: Mapping[str, float]
 ) -> RecordingSimulator:
-    """The simulator with touches where the readings of a problem have them, within STRAYS of the sd
-    that a rig's errors of these sizes give each. A fit's own, where readings follow in proportion
-    from where that has them. plain: with touches where they are said to be; rig: about the fit."""
-    there, spread = fitted.problem.model, rig.displacement_sds(sizes)
-    keys = [key for key in rig.derivatives if spread[key].any()]
-    if straight(spread, there) or not keys:
-        return there
-    sd = np.array([spread[key] for key in keys])
-    alone = rig.frame_whitening(sizes)
+    """The simulator with touches at the places and forces of the largest posterior density, within
+    MAX_DISPLACEMENT_SDS of the reported ones; the fit's simulator where the readings are linear in
+    the displacements.
 
-    def left(model: RecordingSimulator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        voltage = replace(plain, model=model).voltage(fitted.theta, fitted.effects)
-        white = alone(np.where(alone.mask, plain.recorded - voltage, 0.0))
-        off = np.array([moved(model, plain.model)[key] for key in keys])
-        over = off / np.maximum(sd, TINY)
-        return white, off, (white**2).sum(axis=1) + (over**2).sum(axis=0)
+    problem: with touches as reported; rig: the rig's errors linearised about the fit; error_sds:
+    their standard deviations by name, which are the prior of the displacements.
+    """
+    model, displacement_sds = fitted.problem.model, rig.displacement_sds(error_sds)
+    keys = [key for key in rig.derivatives if displacement_sds[key].any()]
+    if is_proportional(displacement_sds, model) or not keys:
+        return model
+    sd = np.array([displacement_sds[key] for key in keys])
+    frame_whitening = rig.frame_whitening(error_sds)
 
-    white, off, cost = left(there)
-    slopes, damping = rig.derivatives, np.full(len(cost), START)
-    for number in range(ROUNDS):
-        columns = alone(np.array([slopes[key] for key in keys]))
-        step, hope = _step(columns, white, off, sd, damping)
-        if number == 0 and straight(dict(zip(keys, step, strict=True)), there):
+    def state(model: RecordingSimulator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Whitened residual (N, M), displacements (K, N) and the cost (N,) of every frame."""
+        voltage = replace(problem, model=model).voltage(fitted.theta, fitted.effects)
+        white = frame_whitening(np.where(frame_whitening.mask, problem.readings - voltage, 0.0))
+        displacement = np.array([displacements(model, problem.model)[key] for key in keys])
+        scaled = displacement / np.maximum(sd, MIN_SD)
+        return white, displacement, (white**2).sum(axis=1) + (scaled**2).sum(axis=0)
+
+    white, displacement, cost = state(model)
+    slopes, damping = rig.derivatives, np.full(len(cost), DAMPING_START)
+    for iteration in range(MAX_ITERATIONS):
+        columns = frame_whitening(np.array([slopes[key] for key in keys]))
+        step, decrease = _step(columns, white, displacement, sd, damping)
+        if iteration == 0 and is_proportional(dict(zip(keys, step, strict=True)), model):
             break
-        active = (hope > ENOUGH) & (damping < WORST)
+        active = (decrease > MIN_DECREASE) & (damping < DAMPING_LIMIT)
         if not active.any():
             break
         try:
-            trial = there.displaced(dict(zip(keys, np.where(active, step, 0.0), strict=True)))
-            better = active & (left(trial)[2] < cost)
+            trial_model = model.with_displacements(
+                dict(zip(keys, np.where(active, step, 0.0), strict=True))
+            )
+            better = active & (state(trial_model)[2] < cost)
         except InputError:
-            damping *= MORE
+            damping *= DAMPING_UP
             continue
-        damping[active] *= np.where(better, LESS, MORE)[active]
+        damping[active] *= np.where(better, DAMPING_DOWN, DAMPING_UP)[active]
         if better.any():
-            there = there.displaced(dict(zip(keys, np.where(better, step, 0.0), strict=True)))
-            white, off, cost = left(there)
-            now = replace(fitted, problem=replace(plain, model=there))
-            slopes = touch_derivatives(now, now.voltage())
+            model = model.with_displacements(
+                dict(zip(keys, np.where(better, step, 0.0), strict=True))
+            )
+            white, displacement, cost = state(model)
+            relocated_fit = replace(fitted, problem=replace(problem, model=model))
+            slopes = touch_derivatives(relocated_fit, relocated_fit.voltage())
             if not slopes:
                 break
-    return there
+    return model
 
 
-def straight(strays: Mapping[str, np.ndarray], model: RecordingSimulator) -> bool:
-    """Whether readings follow strays (N,), mm and N, by columns of the states, in proportion."""
-    touched = model.touched & model.known
-    rms = {k: float(np.sqrt((v[touched] ** 2).mean())) for k, v in strays.items() if touched.any()}
+def is_proportional(displacement: Mapping[str, np.ndarray], model: RecordingSimulator) -> bool:
+    """Whether readings are linear in displacements (N,) of their touches, in mm and N, by column of
+    the states: whether the rms of these is below LINEAR_MM and LINEAR_FORCE."""
+    touched = model.touched & model.simulable
+    rms = {
+        k: float(np.sqrt((v[touched] ** 2).mean()))
+        for k, v in displacement.items()
+        if touched.any()
+    }
     force = rms.pop("force_N", 0.0) / (model.force_max_N or 1.0)
-    return force < STRAIGHT_FORCE and all(one < STRAIGHT_MM for one in rms.values())
+    return force < LINEAR_FORCE and all(rms_mm < LINEAR_MM for rms_mm in rms.values())
 
 
 def _step(
-    columns: np.ndarray, white: np.ndarray, off: np.ndarray, sd: np.ndarray, damping: np.ndarray
+    columns: np.ndarray,
+    white: np.ndarray,
+    displacement: np.ndarray,
+    sd: np.ndarray,
+    damping: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Each frame's step (K, N) and the decrease (N,) of its cost that it promises. columns
-    (K, N, M): whitened tangents; white (N, M): what is left; off (K, N): strays so far, sd (K, N):
-    theirs."""
-    precision = 1.0 / np.maximum(sd, TINY) ** 2
+    """The step (K, N) of every frame and the decrease (N,) of its cost that is expected. columns
+    (K, N, M): whitened derivatives; white (N, M): the whitened residual; displacement (K, N): the
+    displacements at present, sd (K, N): their prior's."""
+    precision = 1.0 / np.maximum(sd, MIN_SD) ** 2
     gram = np.einsum("knm,lnm->nkl", columns, columns)
     diagonal = np.arange(len(columns))
     gram[:, diagonal, diagonal] += precision.T
-    slope = np.einsum("knm,nm->nk", columns, white) - (precision * off).T
-    lifted = gram.copy()
-    lifted[:, diagonal, diagonal] *= 1.0 + damping[:, None]
-    step = np.linalg.solve(lifted, slope[..., None])[..., 0].T
-    step = np.clip(off + step, -STRAYS * sd, STRAYS * sd) - off
-    hope = 2.0 * np.einsum("kn,nk->n", step, slope) - np.einsum("kn,nkl,ln->n", step, gram, step)
-    return step, hope
+    slope = np.einsum("knm,nm->nk", columns, white) - (precision * displacement).T
+    damped = gram.copy()
+    damped[:, diagonal, diagonal] *= 1.0 + damping[:, None]
+    step = np.linalg.solve(damped, slope[..., None])[..., 0].T
+    step = (
+        np.clip(displacement + step, -MAX_DISPLACEMENT_SDS * sd, MAX_DISPLACEMENT_SDS * sd)
+        - displacement
+    )
+    decrease = 2.0 * np.einsum("kn,nk->n", step, slope) - np.einsum(
+        "kn,nkl,ln->n", step, gram, step
+    )
+    return step, decrease

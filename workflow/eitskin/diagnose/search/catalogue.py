@@ -58,11 +58,10 @@ def _is_sought(effect: Effect, conditions: Conditions, journal: Journal) -> bool
     """Whether an effect is sought; the gate at which it stops is recorded."""
     skin = conditions.skin
     has_contacts = skin.electrode_width_mm != 0 or not getattr(effect, "on_contacts", False)
-    is_stated = all(getattr(skin, key) is not None for key in effect.needs)
     for gate, holds in (
         (COMPOSED, not effect.composite),
         (CONTACTS, has_contacts),
-        (STATED, is_stated or not conditions.touched),
+        (STATED, effect.is_stated(skin, conditions.touched)),
         (TIMED, conditions.timed or effect.driver != "time"),
         (FLOATING, conditions.floating or not effect.last_resort),
     ):

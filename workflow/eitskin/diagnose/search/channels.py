@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from eitskin.diagnose.fitting.candidates import Candidate, log_ways
+from eitskin.diagnose.fitting.candidates import Candidate, log_subset_count
 from eitskin.diagnose.fitting.jacobian import in_groups
-from eitskin.diagnose.fitting.tangents import LEAST, Tangents
+from eitskin.diagnose.fitting.tangents import RESIDUAL_SHARE, Tangents
 from eitskin.diagnose.search.screen import (
     AMPLITUDES,
     MOST_SITES,
@@ -35,16 +35,16 @@ def scores(tangents: Tangents, dense: Candidate) -> list[Score]:
     count = len(slope)
     scored = []
     for k in order[:2]:
-        single = sparse(dense, (int(dense.own_sites[k]),))
+        single = sparse(dense, (int(dense.site_indices[k]),))
         scored.append(Score(single, float(gain[k]), 1, float(evidence[k] - np.log(single.looks))))
     best, subset = -np.inf, order[:0]
     for size in range(2, MOST_SITES + 1):
         total = evidence[order[:size]].sum()
-        if total - log_ways(count, size) <= best:
+        if total - log_subset_count(count, size) <= best:
             break
-        best, subset = total - log_ways(count, size), order[:size]
+        best, subset = total - log_subset_count(count, size), order[:size]
     if len(subset):
-        best_subset = sparse(dense, tuple(sorted(int(dense.own_sites[k]) for k in subset)))
+        best_subset = sparse(dense, tuple(sorted(int(dense.site_indices[k]) for k in subset)))
         total = float(gain[subset].sum())
         scored.append(
             Score(best_subset, total, len(subset), float(best), subset_choices(best_subset))
@@ -58,7 +58,7 @@ def scores(tangents: Tangents, dense: Candidate) -> list[Score]:
 
 def looks(dense: Candidate) -> int:
     """How many independent looks `scores` takes at most: each channel, the best few, all."""
-    return len(dense.own_sites) + 2
+    return len(dense.site_indices) + 2
 
 
 def _sums(tangents: Tangents, dense: Candidate) -> tuple[np.ndarray, np.ndarray]:
@@ -68,19 +68,19 @@ def _sums(tangents: Tangents, dense: Candidate) -> tuple[np.ndarray, np.ndarray]
     assert isinstance(dense.effect, InstrumentEffect)
     whitening = tangents.problem.whitening
     shape = tangents.voltage.shape
-    column = dense.scales.of(parameter) * dense.effect.slope(tangents.voltage)
+    column = dense.scales.typical_change(parameter) * dense.effect.slope(tangents.voltage)
     slope = (column * whitening.transposed(tangents.residual.reshape(shape))).sum(axis=0)
     shared = in_groups(
         lambda fitted: np.einsum("pnm,nm->pm", whitening.transposed(fitted), column),
-        tangents.fitted.reshape(-1, *shape),
+        tangents.fitted_directions.reshape(-1, *shape),
     )
     fitted_length = (shared**2).sum(axis=0)
-    for block in tangents.blocks:
+    for block in tangents.channel_directions:
         fitted_length = fitted_length + (whitening(column) * block).sum(axis=0) ** 2
     indices = np.arange(len(slope))
-    length = tangents.in_single.channel_lengths(column.astype(np.float32), indices)
+    length = tangents.single_precision.channel_lengths(column.astype(np.float32), indices)
     close = np.flatnonzero(length - fitted_length < LEAST_SHARE * length)
     length[close] = whitening.channel_lengths(column, close)
     information = length - fitted_length
-    identifiable = information > LEAST * length
+    identifiable = information > RESIDUAL_SHARE * length
     return np.where(identifiable, slope, 0.0), np.where(identifiable, information, 0.0)

@@ -93,7 +93,7 @@ def occam_factor(fit: Fit) -> float:
     covariance = fit.covariance
     total = 0.0
     for index, effect in enumerate(fit.effects):
-        place = fit.place(index)
+        place = fit.coordinate_slice(index)
         total -= math.log(effect.looks) + math.log(len(EFFECTS))
         if effect.size:
             information = np.linalg.inv(covariance[place, place])

@@ -50,7 +50,7 @@ def start(
         far = candidates[0].effect.far if candidates else (0.0,)
         sizes = [(size,) * count for size in far]
     least_cost, best = np.inf, np.r_[np.zeros(len(names)), theta[len(names) :], np.zeros(count)]
-    recorded = problem.whitening(problem.recorded)
+    recorded = problem.whitening(problem.readings)
     contacts = CONTACTS if contact else CONTACTS[:1]
     widths = WIDTHS if width and not candidates else WIDTHS[:1]
     for size, z, w in product(sizes, contacts, widths):

@@ -13,8 +13,8 @@ import numpy as np
 
 from eitskin.diagnose.fitting.candidates import (
     Candidate,
-    gross,
-    of_channels,
+    is_by_channel,
+    is_wiring_fault,
     replaces_instrument,
     without_site,
 )
@@ -171,7 +171,7 @@ def _without_freedom(search: Search, start: Explanation, best: Explanation) -> E
         search.report(f"again without a free value at every site ({names})")
         plainer = [c for c in search.candidates if c.name not in dense or c.scope != "dense"]
         best = _rival(search, start, best, plainer)
-    several = any(c.scope == "sparse" and len(c.own_sites) > FEW_SITES for c in best.effects)
+    several = any(c.scope == "sparse" and len(c.site_indices) > FEW_SITES for c in best.effects)
     if several and not search.spent:
         search.report("again with single sites and pairs alone")
         sparse = [c for c in search.candidates if c.scope != "dense"]
@@ -211,7 +211,7 @@ def _with_free_channels(search: Search, explanation: Explanation) -> Explanation
     tangents = Tangents(without_discrepancy(explanation, base.fit), [base])
     hopeful = []
     for candidate in search.candidates:
-        if of_channels(candidate):
+        if is_by_channel(candidate):
             free = channels.scores(tangents, candidate)[-1]
             p = global_p(search, free.p_value)
             if free.log_evidence > max(plain, EVIDENCE.threshold) and CHANCE.admits(p):
@@ -255,7 +255,7 @@ def _with_gross_fault(
     problem = search.problem
     if misfit(problem, explanation) < GROSS_MISFIT.threshold:
         return None
-    recorded = problem.whitening(problem.recorded)
+    recorded = problem.whitening(problem.readings)
     start = np.zeros(len(problem.model.calibrations))
     settings = explanation.fit.settings()
     keys = {c.key for c in explanation.effects}
@@ -265,7 +265,7 @@ def _with_gross_fault(
         product = (simulated * recorded).sum()
         return float((recorded**2).sum() - product**2 / (simulated**2).sum())
 
-    faults = [c for c in search.candidates if gross(c)]
+    faults = [c for c in search.candidates if is_wiring_fault(c)]
     remainders = [
         (unexplained([*settings, c.setting(np.zeros(c.size))]), i)
         for i, c in enumerate(faults)
@@ -384,9 +384,9 @@ def _trim(search: Search, explanation: Explanation) -> Explanation:
         effect = explanation.effects[index]
         if effect.effect.site_number:
             continue
-        while effect.scope == "sparse" and effect.size == len(effect.own_sites) > 1:
+        while effect.scope == "sparse" and effect.size == len(effect.site_indices) > 1:
             fitted_whole = explanation.fit
-            place = fitted_whole.place(index)
+            place = fitted_whole.coordinate_slice(index)
             sd = np.sqrt(np.diag(fitted_whole.covariance)[place])
             weakest = int(np.argmin(np.abs(fitted_whole.theta[place]) / sd))
             fewer = without_site(effect, weakest)
@@ -416,7 +416,7 @@ def _stand(search: Search, explanation: Explanation) -> Explanation:
     stood = [explanation]
     for _ in range(int(EFFECTS_OF_A_SET.threshold)):
         for index, effect in enumerate(explanation.effects):
-            if gross(effect) or search.spent:
+            if is_wiring_fault(effect) or search.spent:
                 continue
             better = _in_place(search, explanation, index)
             if better is not None:
@@ -462,7 +462,7 @@ def _choices(effect: Candidate) -> int:
     """Among how many looks an effect of the set was chosen (`Score.choices`)."""
     if effect.effect.tone:
         return effect.looks
-    several = effect.scope == "sparse" and len(effect.own_sites) > 1
+    several = effect.scope == "sparse" and len(effect.site_indices) > 1
     return subset_choices(effect) if several else 1
 
 
@@ -470,7 +470,7 @@ def _further_sites(effect: Candidate, rival: Candidate) -> float:
     """Nats that a rival must have beyond PLACE: where it is the effect at further sites, what
     every site must earn."""
     sparse = effect.scope == rival.scope == "sparse" and rival.name == effect.name
-    if sparse and set(rival.own_sites) > set(effect.own_sites):
-        count = len(rival.own_sites) - len(effect.own_sites)
+    if sparse and set(rival.site_indices) > set(effect.site_indices):
+        count = len(rival.site_indices) - len(effect.site_indices)
         return EVIDENCE.threshold * count - PLACE.threshold
     return 0.0

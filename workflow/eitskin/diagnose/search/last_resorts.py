@@ -24,7 +24,9 @@ def size_sd(fitted: Fit) -> float:
     """Largest sd of the logarithm of a last resort's size in a fit; 0 where it has none."""
     sd = np.sqrt(np.diag(fitted.covariance))
     indices = [i for i, c in enumerate(fitted.effects) if c.effect.last_resort]
-    return max((float(sd[fitted.place(i)].max(initial=0.0)) for i in indices), default=0.0)
+    return max(
+        (float(sd[fitted.coordinate_slice(i)].max(initial=0.0)) for i in indices), default=0.0
+    )
 
 
 def groups(candidates: list[Candidate], resorts: list[Candidate]) -> Iterator[list[Candidate]]:
@@ -33,7 +35,7 @@ def groups(candidates: list[Candidate], resorts: list[Candidate]) -> Iterator[li
     for resort in resorts:
         companions = resort.effect.last_resort
         large = [
-            replace(c, scales=replace(c.scales, times=companions[c.name][0]))
+            replace(c, scales=replace(c.scales, multiple=companions[c.name][0]))
             for c in [resort, *candidates]
             if c.name in companions and c.scope in ("", "common")
         ]
@@ -100,7 +102,7 @@ def another_instrument(
 def blurred(search: Search, explanation: Explanation) -> tuple[Search, Explanation]:
     """A search, and its explanation, in the noise that it would take to leave what the explanation
     leaves: alike in all channels, in each of them a constant and scatter about it."""
-    recorded = search.problem.recorded
+    recorded = search.problem.readings
     recorded_channels = np.isfinite(recorded).any(axis=0)
     residual = (recorded - explanation.fit.voltage())[:, recorded_channels]
     level = np.nanmean(residual, axis=0)

@@ -1,6 +1,6 @@
 """How well explanations agree with a recording: misfit, correlation, predictions of folds."""
 
-from eitskin.diagnose.fitting.fit import Problem, whitened_anew
+from eitskin.diagnose.fitting.fit import Problem, rewhitened
 from eitskin.diagnose.fitting.held_out import HeldOut, held_out
 from eitskin.diagnose.search.explanation import Explanation
 from eitskin.diagnose.search.gates import GROSS_MISFIT, STANDARD_ERRORS, UNLIKE
@@ -21,7 +21,7 @@ def likeness(search: Search, explanation: Explanation) -> float:
     whitening = search.problem.whitening
     simulated, recorded = (
         (voltage / whitening.sd)[whitening.mask]
-        for voltage in (explanation.fit.voltage(), search.problem.recorded)
+        for voltage in (explanation.fit.voltage(), search.problem.readings)
     )
     simulated, recorded = simulated - simulated.mean(), recorded - recorded.mean()
     lengths = float((simulated @ simulated) * (recorded @ recorded))
@@ -32,13 +32,13 @@ def likeness(search: Search, explanation: Explanation) -> float:
 def is_unlike(search: Search, explanation: Explanation) -> bool:
     """Whether readings are not those of a skin like this: in an order of their own, or none.
     Effects fitted to them would be no findings, were they ever so significant."""
-    gross = GROSS_MISFIT.admits(misfit(search.problem, explanation))
-    return gross and UNLIKE.admits(likeness(search, explanation))
+    is_gross = GROSS_MISFIT.admits(misfit(search.problem, explanation))
+    return is_gross and UNLIKE.admits(likeness(search, explanation))
 
 
 def predicted(search: Search, explanation: Explanation, trial: Explanation) -> HeldOut:
     """What an explanation predicts for the folds left out, in the covariance of a trial."""
-    return held_out(whitened_anew(explanation.fit, trial.fit.problem), search.folds)
+    return held_out(rewhitened(explanation.fit, trial.fit.problem), search.folds)
 
 
 def gain(search: Search, trial: Explanation, explanation: Explanation) -> tuple[float, float]:

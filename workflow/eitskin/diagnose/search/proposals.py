@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from eitskin import cores
-from eitskin.diagnose.fitting.candidates import Candidate, discrete, of_channels, of_tangents
-from eitskin.diagnose.fitting.fit import whitened_anew
+from eitskin.diagnose.fitting.candidates import Candidate, is_by_channel, is_discrete, is_linearised
+from eitskin.diagnose.fitting.fit import rewhitened
 from eitskin.diagnose.fitting.tangents import Tangents
 from eitskin.diagnose.noise.components import COMPONENTS
 from eitskin.diagnose.search import channels, far_starts, tones
@@ -62,16 +62,16 @@ def _scores(search: Search, explanation: Explanation, tangents: Tangents) -> lis
     open_candidates = [
         c for c in search.candidates if c.key not in keys and not search.starts_far(c)
     ]
-    tangents.whiten(c for c in open_candidates if of_tangents(c))
-    switches = [c for c in open_candidates if discrete(c) and not of_channels(c)]
+    tangents.precompute(c for c in open_candidates if is_linearised(c))
+    switches = [c for c in open_candidates if is_discrete(c) and not is_by_channel(c)]
     ranked: list[Score | None] = [*_switch_scores(search, explanation, tangents, switches)]
     for candidate in open_candidates:
-        if of_channels(candidate):
+        if is_by_channel(candidate):
             of_channel = channels.scores(tangents, candidate)
             ranked += [s for s in of_channel if s.candidate.scope == "sparse" or hopeless]
         elif candidate.effect.tone:
             ranked.append(tones.score(tangents, candidate.effect, candidate.skin, candidate.scales))
-        elif not discrete(candidate):
+        elif not is_discrete(candidate):
             ranked.append(score(tangents, candidate))
             if candidate.scope == "dense":
                 ranked.append(best_few(tangents, candidate))
@@ -91,13 +91,13 @@ def draw_null(search: Search, tangents: Tangents) -> None:
         return
     linear, free = [], 0
     for candidate in search.candidates:
-        if of_tangents(candidate):
+        if is_linearised(candidate):
             linear.append(candidate)
             free += candidate.scope == "dense"
         else:
-            free += channels.looks(candidate) if of_channels(candidate) else 1
+            free += channels.looks(candidate) if is_by_channel(candidate) else 1
     search.report("drawing recordings in which nothing is missing")
-    tangents.whiten(linear)
+    tangents.precompute(linear)
     search.cache.null = null_distribution(tangents, linear, free, search.seed)
 
 
@@ -145,7 +145,7 @@ def _switch_scores(
     lengths, chi2 = search.cache.lengths, max(tangents.fit.chi2, TINY)
 
     def products(share: list[Candidate]) -> dict[tuple, tuple[float, float]]:
-        changes = [(candidate.key, tangents.tried(candidate)) for candidate in share]
+        changes = [(candidate.key, tangents.start_change(candidate)) for candidate in share]
         return {
             key: (float(c @ c), float(c @ tangents.residual)) for key, c in changes if c is not None
         }
@@ -158,7 +158,7 @@ def _switch_scores(
     ]
     products_of: dict[tuple, tuple[float, float]] = {}
     shares = cores.shares([candidate] for candidate in reached)
-    for part in search.problem.model.near.forked(products, shares):
+    for part in search.problem.model.solved_skins.forked(products, shares):
         products_of |= part
     ranked = []
     for candidate in reached:
@@ -214,7 +214,7 @@ def _without_component(
     base = linearised(search, explanation)
     sds: Mapping[str, float] = {**explanation.error_sds, component: 0.0}
     problem = replace(base.fit.problem, whitening=explanation.rig.whitening(sds, fitted=True))
-    tangents = Tangents(whitened_anew(base.fit, problem), [base])
+    tangents = Tangents(rewhitened(base.fit, problem), [base])
     shape = tangents.voltage.shape
     weights = problem.whitening.transposed(tangents.residual.reshape(shape)).ravel()
     bounds: dict[str, list[tuple[float, Candidate]]] = {}
@@ -222,7 +222,7 @@ def _without_component(
         candidate = score_test.candidate
         if candidate.name in listed or candidate.scope == "dense" or score_test.information is None:
             continue
-        slope = tangents.along(candidate, weights)
+        slope = tangents.raw_products(candidate, weights)
         gain = float(slope @ np.linalg.pinv(score_test.information) @ slope)
         p = chance_p_value(gain, score_test.dof)
         if ABSORBED.admits(global_p(search, p)):
@@ -305,7 +305,7 @@ def trials(
         if (behind := best - trial.log_evidence) > race:
             search.journal.admits(RACE, behind, proposal.candidate, explanation)
         fitted.append(trial.with_p_values({**trial.p_values, new.key: p_value}, proposal))
-        if not trial.fit.ended:
+        if not trial.fit.converged:
             search.report(f"{new.name}: its fit did not come to an end")
     fitted.sort(key=lambda trial: -trial.log_evidence)
     search.cache.trials[explanation.key] = explanation.fit, fitted

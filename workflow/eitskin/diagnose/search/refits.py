@@ -7,17 +7,18 @@ from typing import TypeVar
 import numpy as np
 
 from eitskin.diagnose.fitting import touches
-from eitskin.diagnose.fitting.candidates import Candidate, discrete
+from eitskin.diagnose.fitting.candidates import Candidate, is_discrete
 from eitskin.diagnose.fitting.fit import (
-    MOST_ROUNDS,
-    RENEWALS,
+    JACOBIAN_RENEWALS,
+    MAX_ITERATIONS,
     Fit,
+    FitLimits,
     Problem,
+    expected_decrease,
     fit,
-    promised,
-    refreshed,
-    stepped,
-    whitened_anew,
+    gauss_newton_step,
+    renewed_slopes,
+    rewhitened,
 )
 from eitskin.diagnose.fitting.linearisation import linearised_rig_errors
 from eitskin.diagnose.fitting.tangents import Tangents
@@ -75,9 +76,9 @@ def explain(
     if named is explanation.fit:
         return explanation
     named_sds = {k: s for k, s in explanation.error_sds.items() if not COMPONENTS[k].discrepancy}
-    trial = stepped(named)
+    trial = gauss_newton_step(named)
     behind = explanation.log_likelihood - marginal_likelihood(trial, named_sds, explanation.rig)
-    behind -= 0.5 * promised(trial)
+    behind -= 0.5 * expected_decrease(trial)
     if (
         trial is not named
         and not FORLORN.admits(behind)
@@ -125,18 +126,18 @@ def _learning_round(
     proportion from where they seem to be (Lindstrom, Bates, Biometrics 46, 1990).
     """
     error_sds, _ = learn_error_sds(rig, fitted.misfit, error_sds, start_scoring, end_scoring)
-    model = touches.followed(search.problem, fitted, rig, error_sds)
+    model = touches.relocated_touches(search.problem, fitted, rig, error_sds)
     problem = fitted.problem
     followed = model is not problem.model
     if followed:
         displaced = replace(fitted, problem=replace(search.problem, model=model))
         rig = linearised_rig_errors(displaced, search.problem.whitening, search.converter_step)
-        strays = touches.moved(model, search.problem.model)
-        recorded = search.problem.recorded + rig.response(strays)
-        problem = replace(search.problem, model=model, recorded=recorded)
+        strays = touches.displacements(model, search.problem.model)
+        recorded = search.problem.readings + rig.response(strays)
+        problem = replace(search.problem, model=model, readings=recorded)
     problem = replace(problem, whitening=rig.whitening(error_sds, fitted=True))
-    start = whitened_anew(fitted, problem)
-    end = stepped(start, 2.0 * SETTLED)
+    start = rewhitened(fitted, problem)
+    end = gauss_newton_step(start, 2.0 * SETTLED)
     gain = np.inf if followed else 0.5 * (start.cost - end.cost)
     return end, error_sds, rig, gain
 
@@ -173,7 +174,7 @@ def forked(
     if search.tries_bodies:
         return [function(part) for part in parts]
     common = [*EFFECTS.values(), search.folds, search.rig, *_shared_objects(search.problem)]
-    return search.problem.model.near.forked(function, parts, [*common, *shared])
+    return search.problem.model.solved_skins.forked(function, parts, [*common, *shared])
 
 
 def _shared_objects(problem: Problem) -> list[object]:
@@ -209,7 +210,7 @@ def without_discrepancy(explanation: Explanation, fitted: Fit) -> Fit:
     if explanation.rig is None or unchanged:
         return fitted
     whitening = explanation.rig.whitening(sds, fitted=True)
-    return whitened_anew(fitted, replace(fitted.problem, whitening=whitening))
+    return rewhitened(fitted, replace(fitted.problem, whitening=whitening))
 
 
 def settled(search: Search, explanation: Explanation) -> tuple[Search, Explanation]:
@@ -230,13 +231,13 @@ def linearised(search: Search, explanation: Explanation) -> Tangents:
     cache, key = search.cache, explanation.key
     if key not in cache.met or cache.met[key].fit is not explanation.fit:
         displaced = explanation.fit.problem.model is not search.problem.model
-        fitted = refreshed(explanation.fit) if displaced else explanation.fit
+        fitted = renewed_slopes(explanation.fit) if displaced else explanation.fit
         cache.tangents[key] = Tangents(fitted, reversed(cache.tangents.values()))
         cache.met[key] = explanation
     tangents = cache.tangents[key]
     for unused in cache.tangents.values():
         if unused is not tangents:
-            unused.forget()
+            unused.clear_whitened()
     return tangents
 
 
@@ -249,7 +250,9 @@ def rough(search: Search, explanation: Explanation) -> Problem:
     sd = explanation.error_sds.get(DISCREPANCY, 0.0)
     sd = float(np.clip(sd, COARSE_DISCREPANCY, FAR_DISCREPANCY))
     whitening = explanation.rig.whitening({DISCREPANCY: sd})
-    return replace(search.problem, model=search.problem.model.coarsely(), whitening=whitening)
+    return replace(
+        search.problem, model=search.problem.model.with_coarse_bodies(), whitening=whitening
+    )
 
 
 def from_far(
@@ -264,7 +267,7 @@ def from_far(
     problem = rough(search, explanation)
     sds = {DISCREPANCY: explanation.error_sds.get(DISCREPANCY, 0.0)}
     try:
-        with search.problem.model.near.within(search.budget):
+        with search.problem.model.solved_skins.within(search.budget):
             _, start = far_starts.start(
                 problem, explanation.effects, explanation.fit.theta, candidates, sizes
             )
@@ -292,9 +295,9 @@ def with_effect(
             union = _joined(effect, candidate)
             if union is None:
                 return Refusal(ENTRY, 0.0)
-            if not search.journal.passes(SITES, len(union.own_sites), union.name):
-                return Refusal(SITES, len(union.own_sites))
-            place = explanation.fit.place(index)
+            if not search.journal.passes(SITES, len(union.site_indices), union.name):
+                return Refusal(SITES, len(union.site_indices))
+            place = explanation.fit.coordinate_slice(index)
             values = _joined_coordinates(effect, union, theta[place])
             start = np.r_[theta[: place.start], values, theta[place.stop :]]
             effects[index] = union
@@ -321,8 +324,8 @@ def _joinable(effect: Candidate, candidate: Candidate) -> bool:
 
 def _joined(effect: Candidate, candidate: Candidate) -> Candidate | None:
     """The effect at the sites of both; None where these are its own."""
-    sites = tuple(sorted({*effect.own_sites, *candidate.own_sites}))
-    if len(sites) == len(effect.own_sites):
+    sites = tuple(sorted({*effect.site_indices, *candidate.site_indices}))
+    if len(sites) == len(effect.site_indices):
         return None
     return replace(effect, sites=sites, scope="sparse", looks=effect.looks * candidate.looks)
 
@@ -333,8 +336,8 @@ def _joined_coordinates(effect: Candidate, union: Candidate, theta: np.ndarray) 
     for i, (parameter, site_index) in enumerate(union.names):
         if site_index is None:
             values[i] = theta[effect.names.index((parameter, None))]
-        elif (site := union.own_sites[site_index]) in effect.own_sites:
-            name = (parameter, effect.own_sites.index(site))
+        elif (site := union.site_indices[site_index]) in effect.site_indices:
+            name = (parameter, effect.site_indices.index(site))
             values[i] = theta[effect.names.index(name)]
     return values
 
@@ -355,17 +358,17 @@ def _fitted(
 ) -> Explanation | Refusal:
     """Effects fitted from a start in the covariance of an explanation."""
     try:
-        with search.problem.model.near.within(search.budget):
+        with search.problem.model.solved_skins.within(search.budget):
             problem = explanation.fit.problem
-            fitted = fit(problem, effects, start, jacobian, enough=enough)
+            fitted = fit(problem, effects, start, jacobian, limits=FitLimits(enough))
             far_off = jacobian is not None and GROSS_MISFIT.admits(
                 misfit(search.problem, explanation)
             )
             # Calibrations that took what an effect is may lie far off along a narrow valley.
-            if discrete(effects[-1]) or far_off or not fitted.ended:
+            if is_discrete(effects[-1]) or far_off or not fitted.converged:
                 count = len(search.problem.model.calibrations)
                 afresh = np.r_[np.zeros(count), start[count:]]
-                from_beliefs = fit(problem, effects, afresh, enough=enough)
+                from_beliefs = fit(problem, effects, afresh, limits=FitLimits(enough))
                 fitted = min(fitted, from_beliefs, key=lambda f: f.chi2)
             behind = 0.5 * (fitted.cost - explanation.fit.cost)
             if not search.journal.passes(ASTRAY, behind, effects[-1].name):
@@ -382,7 +385,7 @@ def without(search: Search, explanation: Explanation, index: int) -> Explanation
     """An explanation less effect `index`, the rest fitted anew; from the beliefs where no skin has
     the rest alone."""
     whole_fit = explanation.fit
-    place = whole_fit.place(index)
+    place = whole_fit.coordinate_slice(index)
     effects = [c for i, c in enumerate(whole_fit.effects) if i != index]
     theta = np.delete(whole_fit.theta, np.arange(place.start, place.stop))
     jacobian = np.delete(whole_fit.jacobian, np.arange(place.start, place.stop), axis=0)
@@ -405,9 +408,9 @@ def each_without(
 
 def polished(search: Search, fitted: Fit) -> Fit:
     """A fit at its optimum, with a fresh Jacobian; near it, where the budget is used up."""
-    renewals = RENEWALS if search.spent else MOST_ROUNDS
+    limits = FitLimits(renewals=JACOBIAN_RENEWALS if search.spent else MAX_ITERATIONS)
     start = fitted.theta, fitted.jacobian
-    return fit(fitted.problem, fitted.effects, *start, polish=True, renewals=renewals)
+    return fit(fitted.problem, fitted.effects, *start, polish=True, limits=limits)
 
 
 def reduced(search: Search, explanation: Explanation, index: int) -> Explanation:

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from eitskin import cores
-from eitskin.diagnose.fitting.candidates import Candidate, log_ways
+from eitskin.diagnose.fitting.candidates import Candidate, log_subset_count
 from eitskin.diagnose.fitting.tangents import Tangents
 
 NULL_DRAWS = 20_000  # so that a global p-value of CHANCE is known to a fifth of itself
@@ -83,14 +83,14 @@ class Score:
 
 def score(tangents: Tangents, candidate: Candidate) -> Score | None:
     """Rao's (1948) score test of one candidate; None where it changes nothing to first order."""
-    columns = tangents.of(candidate)
+    columns = tangents.columns(candidate)
     if not len(columns):
         return None
     gain, dof = explained(columns, tangents.residual)
     information = columns @ columns.T
     evidence = log_evidence(columns @ tangents.residual, information)
     evidence -= np.log(candidate.looks)
-    is_whole = len(columns) == tangents.count(candidate)
+    is_whole = len(columns) == tangents.column_count(candidate)
     return Score(candidate, gain, dof, evidence, information=information if is_whole else None)
 
 
@@ -112,7 +112,7 @@ def subset_choices(candidate: Candidate) -> int:
 def subset(tangents: Tangents, dense: Candidate) -> Candidate | None:
     """The sparse candidate of two or more sites that a forward selection finds among the sites of a
     dense one: as long as the evidence, with the prior over subsets, grows."""
-    singles = [tangents.of(sparse(dense, (site,))) for site in dense.own_sites]
+    singles = [tangents.columns(sparse(dense, (site,))) for site in dense.site_indices]
     usable = [i for i, column in enumerate(singles) if len(column) == 1]
     if len(usable) < 3:
         return None
@@ -133,7 +133,7 @@ def subset(tangents: Tangents, dense: Candidate) -> Candidate | None:
         selected.append(i)
     if len(selected) < 2:
         return None
-    return sparse(dense, tuple(sorted(dense.own_sites[usable[i]] for i in selected)))
+    return sparse(dense, tuple(sorted(dense.site_indices[usable[i]] for i in selected)))
 
 
 def _subset_evidence(
@@ -141,12 +141,12 @@ def _subset_evidence(
 ) -> float:
     rows = np.array(subset_sites)
     evidence = log_evidence(slope[rows], information[np.ix_(rows, rows)])
-    return evidence - log_ways(count, len(subset_sites))
+    return evidence - log_subset_count(count, len(subset_sites))
 
 
 def sparse(dense: Candidate, sites: tuple[int, ...]) -> Candidate:
     """The sparse candidate of some of a dense one's sites."""
-    looks = round(np.exp(log_ways(len(dense.own_sites), len(sites))))
+    looks = round(np.exp(log_subset_count(len(dense.site_indices), len(sites))))
     return replace(dense, sites=sites, scope="sparse", looks=int(looks))
 
 
@@ -179,7 +179,7 @@ def null_distribution(
     mark = rng.standard_normal(tangents.residual.size)  # one number tells a column from another
     for candidate in candidates:
         place = []
-        for column in tangents.each(candidate):
+        for column in tangents.coordinate_columns(candidate):
             if column is None:
                 continue
             key = float(column @ mark)

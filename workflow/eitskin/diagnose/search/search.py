@@ -14,6 +14,7 @@ from eitskin.diagnose.search import far_starts
 from eitskin.diagnose.search.explanation import Explanation
 from eitskin.diagnose.search.journal import Journal
 from eitskin.diagnose.search.screen import NullDistribution, Score
+from eitskin.physics.geometry import Geometry
 
 MOST_SOLVED = 16_000  # sheets that one diagnosis may solve: some minutes on one core
 
@@ -93,7 +94,7 @@ class Search:
     @property
     def spent(self) -> bool:
         """Whether the budget is used up, so that the search ends with what it has."""
-        return self.problem.model.near.effort > self.budget
+        return self.problem.model.solved_skins.effort > self.budget
 
     @property
     def untouched(self) -> bool:
@@ -103,7 +104,8 @@ class Search:
     @property
     def tries_bodies(self) -> bool:
         """Whether some candidate makes a body of the sheet."""
-        return any(candidate.effect.body for candidate in self.candidates)
+        sheet = Geometry.from_skin(self.problem.model.nominal_skin)
+        return any(c.effect.largest_body(sheet) is not None for c in self.candidates)
 
     def starts_far(self, candidate: Candidate) -> bool:
         """Whether no tangent leads to a candidate, so that its fits begin at `far_starts`."""

@@ -50,5 +50,5 @@ def _is_slow(candidate: Candidate) -> bool:
 
 
 def _form(candidate: Candidate) -> tuple[str, bool, tuple[str, ...]]:
-    several = candidate.scope == "sparse" and len(candidate.own_sites) > 1
+    several = candidate.scope == "sparse" and len(candidate.site_indices) > 1
     return candidate.scope, several, tuple(candidate.start)

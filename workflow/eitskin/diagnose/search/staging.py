@@ -11,7 +11,7 @@ from eitskin.data.subset import of_frames
 from eitskin.diagnose.fitting.candidates import Candidate, replaces_instrument
 from eitskin.diagnose.fitting.excerpt import excerpt
 from eitskin.diagnose.fitting.fit import Problem, fit
-from eitskin.diagnose.fitting.held_out import aside, folds, units
+from eitskin.diagnose.fitting.held_out import draw_reserve_mask, error_units, folds
 from eitskin.diagnose.fitting.readings import noise_and_problem, reserve_problem
 from eitskin.diagnose.fitting.reserve import Reserve
 from eitskin.diagnose.fitting.simulator import RecordingSimulator
@@ -50,13 +50,13 @@ def prepared(
     """The noise of a recording; the search of its whole catalogue, which has not run; and the mask
     (N, M) of the reserve, chosen before anything is looked at. Raises InputError where nothing can
     be simulated."""
-    reserve_mask = aside(recording, seed)
+    reserve_mask = draw_reserve_mask(recording, seed)
     noise, problem, scales = noise_and_problem(recording, reserve_mask)
     model = problem.model
     report(f"noise {np.median(noise.sd):.3g} ({noise.source})")
     conditions = Conditions(
         recording.skin,
-        model.believed,
+        model.nominal_skin,
         site_counts(recording.channels),
         floating=not model.sink_grounded,
         timed=recording.metadata["clock"] == "measured",
@@ -81,7 +81,7 @@ def prepared(
 
 def _folds(problem: Problem, channels: np.ndarray, seed: int) -> np.ndarray:
     model = problem.model
-    return folds(model.touched & model.known, model.press, channels, seed)
+    return folds(model.touched & model.simulable, model.press, channels, seed)
 
 
 def searched(
@@ -119,7 +119,7 @@ def pruned_by_reserve(
     """An outcome of a search less the effects that the reserve, by its mask (N, M), does not bear
     out, and the reserve in its covariance; problem: with noise alone in its covariance."""
     reserved = reserve_problem(problem, recording, noise, mask)
-    search, labels = outcome[0], units(recording)
+    search, labels = outcome[0], error_units(recording)
     return pruned(
         outcome, lambda sds: Reserve(reserved, sds, search.converter_step, labels), noise.dof
     )
@@ -130,8 +130,8 @@ def _on_frames(
 ) -> Search:
     """A search like that of a recording, on the frames of an excerpt of it."""
     problem = search.problem
-    model = RecordingSimulator(recording, part, problem.model.near)
-    readings = np.where(model.known[:, None], part.readings, np.nan)
+    model = RecordingSimulator(recording, part, problem.model.solved_skins)
+    readings = np.where(model.simulable[:, None], part.readings, np.nan)
     clock = part.frames["frame"].to_numpy()
     whitening = replace(problem.whitening, mask=np.isfinite(readings), frame_number=clock)
     problem = Problem(model, readings, whitening)

@@ -10,7 +10,7 @@ import numpy as np
 
 from eitskin import yaml_file
 from eitskin.diagnose.fitting.candidates import Candidate
-from eitskin.diagnose.fitting.channel_mapping import NAMED_BY
+from eitskin.diagnose.fitting.channel_mapping import SITE_COLUMNS
 from eitskin.diagnose.fitting.fit import Problem
 from eitskin.diagnose.search import tones
 from eitskin.diagnose.search.explanation import Explanation
@@ -73,7 +73,7 @@ def read(path: str | Path, channels: np.ndarray) -> list[Setting]:
         place = f"{PLACE}, {error.file}, {error.place}"
         raise InputError(path, place, error.actual, error.expected) from error
     protocol = twin.get("protocol", {})
-    if any(setting.kind in NAMED_BY for setting in stated) and not _makes(protocol, channels):
+    if any(setting.kind in SITE_COLUMNS for setting in stated) and not _makes(protocol, channels):
         expected = "what makes the recording's channels, as effects are at some of them"
         raise InputError(path, PROTOCOL, protocol, expected)
     return stated
@@ -166,7 +166,7 @@ def _agrees(placed: Setting, setting: Setting, candidate: Candidate) -> bool:
         if polar and key == polar[1]:
             turn = 360.0 / polar[2]
             deviation = (deviation + 0.5 * turn) % turn - 0.5 * turn
-        scale = candidate.scales.of(effect.parameters[key])
+        scale = candidate.scales.typical_change(effect.parameters[key])
         if np.any(np.abs(deviation) > TOLERANCE * max(scale, np.abs(stated).max(initial=0.0))):
             return False
     return True

@@ -28,7 +28,7 @@ def score(tangents: Tangents, effect: Effect, skin: Skin, scales: Scales) -> scr
     )
     start = {"frequency_Hz": frequency}
     candidate = Candidate(effect, None, None, "", start, skin, scales, looks)
-    if len(tangents.of(candidate)) < 2:
+    if len(tangents.columns(candidate)) < 2:
         return None
     score_test = screen.score(tangents, candidate)
     return None if score_test is None else replace(score_test, choices=looks)

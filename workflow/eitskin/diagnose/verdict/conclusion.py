@@ -104,11 +104,11 @@ def _held_out(diagnosis: Diagnosis) -> dict:
     """`fit` of diagnosis.json."""
     reserve = diagnosis.reserve
     fits = {"before": diagnosis.before.fit, "after": diagnosis.after.fit}
-    predicted = {when: reserve.predicted(fit) for when, fit in fits.items()}
-    white = {when: reserve.predicted_in_white(fit) for when, fit in fits.items()}
+    predicted = {when: reserve.prediction(fit) for when, fit in fits.items()}
+    white = {when: reserve.noise_prediction(fit) for when, fit in fits.items()}
     return {
         "held_out": {
-            "frames": int(reserve.white.mask.any(axis=1).sum()),
+            "frames": int(reserve.noise_whitening.mask.any(axis=1).sum()),
             **{f"chi2_per_dof_{when}": one.chi2_per_dof for when, one in predicted.items()},
             **{f"white_chi2_per_dof_{when}": one.chi2_per_dof for when, one in white.items()},
             **{f"rms_{when}_V": one.rms for when, one in predicted.items()},
@@ -155,7 +155,7 @@ def _entry(diagnosis: Diagnosis, index: int, p_value: float) -> dict:
     if combined := amounts(after.fit, index, entry["parameters"]):
         entry["amounts"] = combined
     if candidate.kind is not None and candidate.scope != "common":
-        entry[candidate.kind] = [int(site) for site in candidate.own_sites]
+        entry[candidate.kind] = [int(site) for site in candidate.site_indices]
     sentences = [
         words.finding(entry, EFFECTS[candidate.name]),
         *identities.readings(diagnosis.search, after, index, alternatives),
@@ -183,13 +183,13 @@ def _share(diagnosis: Diagnosis, index: int) -> float:
     """Share of the reserve's excess chi squared that returns without an effect, of 0 to 1."""
     reserve, after = diagnosis.reserve, diagnosis.after
     chi2_before, chi2_after, chi2_without = (
-        reserve.predicted(fit).chi2.sum()
+        reserve.prediction(fit).chi2.sum()
         for fit in (
             diagnosis.before.fit,
             after.fit,
             reduced(diagnosis.search, after, index).fit,
         )
     )
-    excess = chi2_before - reserve.predicted(diagnosis.before.fit).readings
+    excess = chi2_before - reserve.prediction(diagnosis.before.fit).reading_count
     share = (chi2_without - chi2_after) / excess if excess > 0.0 else 0.0
     return float(np.clip(share, 0.0, 1.0))

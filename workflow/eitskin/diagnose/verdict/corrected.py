@@ -24,7 +24,7 @@ def items(fit: Fit) -> list[dict]:
     """The effects of a fit as the configuration writes them."""
     model, found = fit.problem.model, []
     for index, candidate in enumerate(fit.effects):
-        item = candidate.item(fit.theta[fit.place(index)])
+        item = candidate.item(fit.theta[fit.coordinate_slice(index)])
         values = item.setdefault("parameters", {})
         for key, parameter in candidate.effect.parameters.items():
             if parameter.whole and key in values:
@@ -48,7 +48,7 @@ def corrected(fit: Fit, recorded: Recording, noise: np.ndarray, name: str) -> di
     if model.unit == "ohm":
         skin["current_A"] = ONE_AMPERE
     effects = items(fit)
-    factor = model.calibrated(knobs).get("factor", 1.0)
+    factor = model.calibration_values(knobs).get("factor", 1.0)
     still = pd.DataFrame({"time_s": [0.0], "touch": [False], "force_N": [0.0]})
     still = still.assign(x_mm=np.nan, y_mm=np.nan, probe_mm=np.nan)
     untouched = simulate(
@@ -91,7 +91,7 @@ def text(fit: Fit, recorded: Recording, noise: np.ndarray, name: str) -> str:
     if model.unit == "ohm":
         said.append("Readings are volts at 1 A, which are the ohms that were recorded.")
     elif model.unit == "arbitrary":
-        factor = model.calibrated(fit.theta[: len(model.calibrations)])["factor"]
+        factor = model.calibration_values(fit.theta[: len(model.calibrations)])["factor"]
         said.append(f"Readings are volts; {factor!r} times as much is the recording's unit.")
     if model.sink_grounded:
         said.append("The source is simulated as floating; the recording's sink is grounded.")

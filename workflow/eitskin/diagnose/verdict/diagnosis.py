@@ -8,7 +8,7 @@ import pandas as pd
 
 from eitskin.data.recording import Recording
 from eitskin.diagnose.fitting.candidates import replaces_instrument
-from eitskin.diagnose.fitting.fit import Fit, fit, whitened_anew
+from eitskin.diagnose.fitting.fit import Fit, fit, rewhitened
 from eitskin.diagnose.fitting.linearisation import linearised_rig_errors
 from eitskin.diagnose.fitting.reserve import Reserve
 from eitskin.diagnose.noise.component_sds import component_intervals
@@ -120,7 +120,7 @@ def _named(explanation: Explanation, white: Whitening) -> Fit:
     recording's noise alone, which is all that such a covariance has beside another instrument."""
     if replaces_instrument(explanation.effects):
         problem = replace(explanation.fit.problem, whitening=white)
-        return whitened_anew(explanation.fit, problem)
+        return rewhitened(explanation.fit, problem)
     named = without_discrepancy(explanation, explanation.fit)
     if named is explanation.fit:
         return named

@@ -95,9 +95,9 @@ class Recipe:
         candidates = [c for c in found.search.candidates if c.name == rival]
         problem = Problem(model, np.zeros(1), self.whitening)
         try:
-            with model.near.within(budget.left):
-                problem = replace(problem, recorded=model.voltage(*problem.split(theta, effects)))
-                fold = np.zeros(len(problem.recorded), int)
+            with model.solved_skins.within(budget.left):
+                problem = replace(problem, readings=model.voltage(*problem.split(theta, effects)))
+                fold = np.zeros(len(problem.readings), int)
                 seed, report = found.search.seed, lambda line: None
                 search = Search(problem, candidates, fold, seed, report)
                 state = explain(search, fit(problem, effects, theta))
@@ -105,7 +105,7 @@ class Recipe:
         except (InputError, np.linalg.LinAlgError, EffortExceeded):
             return None
         finally:
-            budget.left -= model.near.effort
+            budget.left -= model.solved_skins.effort
         return named[0].gap if named else None
 
 
@@ -204,7 +204,7 @@ class _Run:
     @cached_property
     def rows(self) -> np.ndarray:
         """(K,) of the frames whose state is known."""
-        return self.frames[self.model.known[self.frames]]
+        return self.frames[self.model.simulable[self.frames]]
 
     @cached_property
     def waits_s(self) -> np.ndarray:
@@ -357,16 +357,18 @@ class _Turned(RecordingSimulator):
 
     def __init__(self, recorded: Recording, run: _Run, again: pd.DataFrame):
         super().__init__(recorded, run.joined(again))
-        self._before = RecordingSimulator(recorded, run.joined(again[:0]), near=self.near)
-        self._after = _Rolled(recorded, run.query(again), near=self.near)
+        self._before = RecordingSimulator(
+            recorded, run.joined(again[:0]), solved_skins=self.solved_skins
+        )
+        self._after = _Rolled(recorded, run.query(again), solved_skins=self.solved_skins)
 
     def voltage(
         self, coordinates: np.ndarray, chosen: list[Setting], accuracy: str | None = None
     ) -> np.ndarray:
         """(N, M) as of `RecordingSimulator`."""
         accuracy = accuracy or self.accuracy(coordinates, chosen)
-        assert self.believed.electrode_deg is not None
-        n = len(self.believed.electrode_deg)
+        assert self.nominal_skin.electrode_deg is not None
+        n = len(self.nominal_skin.electrode_deg)
         moved = [
             replace(s, sites=(s.sites - 1) % n)
             if s.effect.stage == "skin" and s.sites is not None

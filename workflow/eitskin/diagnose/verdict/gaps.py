@@ -9,8 +9,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from eitskin.diagnose.fitting.candidates import Candidate, discrete, gross, of_tangents
-from eitskin.diagnose.fitting.fit import Fit, Problem, fit, whitened_anew
+from eitskin.diagnose.fitting.candidates import (
+    Candidate,
+    is_discrete,
+    is_linearised,
+    is_wiring_fault,
+)
+from eitskin.diagnose.fitting.fit import Fit, Problem, fit, rewhitened
 from eitskin.diagnose.fitting.tangents import Tangents
 from eitskin.diagnose.search import far_starts
 from eitskin.diagnose.search.explanation import Explanation
@@ -43,20 +48,20 @@ def gaps(
     within: the linear gap under which the nearest are fitted on the nonlinear model.
     """
     effect = state.effects[index]
-    if gross(effect):
+    if is_wiring_fault(effect):
         return _gross_gaps(search, state, index)
     if search.starts_far(effect):
         return _gaps_afar(search, state, index, within)
     less = reduced(search, state, index)
     problem = state.fit.problem
-    target = replace(problem, recorded=state.fit.voltage())
-    tangents = Tangents(whitened_anew(less.fit, problem), [linearised(search, less)])
-    change = problem.whitening(target.recorded - tangents.voltage)
-    signature = tangents.away(change.ravel())
+    target = replace(problem, readings=state.fit.voltage())
+    tangents = Tangents(rewhitened(less.fit, problem), [linearised(search, less)])
+    change = problem.whitening(target.readings - tangents.voltage)
+    signature = tangents.project_out(change.ravel())
     snr = float(np.sqrt(signature @ signature))
     best: dict[str, tuple[float, Candidate]] = {}
     rivals = _rivals(search.candidates, effect)
-    tangents.whiten(c for c in rivals if not discrete(c))
+    tangents.precompute(c for c in rivals if not is_discrete(c))
     for candidate in rivals:
         gap = _linear_gap(tangents, signature, candidate)
         if gap is not None and gap < best.get(candidate.name, (np.inf, None))[0]:
@@ -111,8 +116,8 @@ def _gaps_afar(search: Search, state: Explanation, index: int, within: float) ->
     and every rival within reach is fitted too; what a tangent promises is not kept so far away.
     Rivals that cannot be fitted, or would cost bodies when no more may be solved, have no gap."""
     less, problem = reduced(search, state, index), state.fit.problem
-    target = replace(problem, recorded=state.fit.voltage())
-    rough = replace(rough_problem(search, less), recorded=target.recorded)
+    target = replace(problem, readings=state.fit.voltage())
+    rough = replace(rough_problem(search, less), readings=target.readings)
     rest = _fitted_best(target, less)
     tangents = Tangents(rest)
     snr = float(np.sqrt(rest.chi2))
@@ -178,7 +183,9 @@ def _rivals(candidates: list[Candidate], effect: Candidate) -> list[Candidate]:
             continue
         if candidate.kind == "channels":
             if effect.kind == "channels":
-                same = candidate if effect.scope == "dense" else sparse(candidate, effect.own_sites)
+                same = (
+                    candidate if effect.scope == "dense" else sparse(candidate, effect.site_indices)
+                )
                 found.append(same)
         elif candidate.scope != "dense" or effect.scope == "dense":
             found.append(candidate)
@@ -186,13 +193,13 @@ def _rivals(candidates: list[Candidate], effect: Candidate) -> list[Candidate]:
 
 
 def _linear_gap(tangents: Tangents, signature: np.ndarray, candidate: Candidate) -> float | None:
-    if discrete(candidate):
-        change = tangents.tried(candidate)
+    if is_discrete(candidate):
+        change = tangents.start_change(candidate)
         if change is None:
             return None
         left = signature - change
         return float(np.sqrt(min(left @ left, signature @ signature)))
-    columns = tangents.of(candidate)
+    columns = tangents.columns(candidate)
     if not len(columns):
         return None
     gain, _ = explained(columns, signature)
@@ -227,7 +234,7 @@ def _gross_gaps(search: Search, state: Explanation, index: int) -> list[Gap]:
     snr = apart(others)
     best: dict[str, float] = {}
     for candidate in search.candidates:
-        if gross(candidate) and candidate.name != state.effects[index].name:
+        if is_wiring_fault(candidate) and candidate.name != state.effects[index].name:
             gap = apart([*others, candidate.setting(np.zeros(candidate.size))])
             best[candidate.name] = min(gap, best.get(candidate.name, snr))
     return sorted((Gap(n, g, snr) for n, g in best.items()), key=lambda g: g.gap)
@@ -237,19 +244,19 @@ def strengths(search: Search, state: Explanation) -> dict[str, float]:
     """SNR of every name at a typical size where it shows best, what is fitted projected out; 0 of
     those that change nothing here."""
     tangents = linearised(search, state)
-    tangents.whiten(c for c in search.candidates if of_tangents(c) and c.scope != "dense")
+    tangents.precompute(c for c in search.candidates if is_linearised(c) and c.scope != "dense")
     found: dict[str, float] = {}
     for candidate in search.candidates:
         if candidate.effect.tone:
             snr = np.inf if search.problem.model.frame_s else 0.0
         elif candidate.kind == "channels":
             snr = np.inf if candidate.kind == candidate.effect.sites[0] else 0.0
-        elif gross(candidate):
+        elif is_wiring_fault(candidate):
             snr = np.inf
-        elif candidate.scope == "dense" or discrete(candidate):
+        elif candidate.scope == "dense" or is_discrete(candidate):
             continue
         else:
-            columns = tangents.each(candidate)
+            columns = tangents.coordinate_columns(candidate)
             snr = max((float(np.linalg.norm(c)) for c in columns if c is not None), default=0.0)
         found[candidate.name] = max(found.get(candidate.name, 0.0), snr)
     return found

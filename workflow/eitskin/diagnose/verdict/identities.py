@@ -96,15 +96,15 @@ class Found:
         there = self.simulated(own.settings())
         change = own.problem.whitening(voltage - there).ravel()
         if places_follow:
-            angles = self.model.believed.electrode_deg
+            angles = self.model.nominal_skin.electrode_deg
             assert angles is not None
             places = tuple(range(len(angles)))
             like, shift = self.effect, ElectrodePosition()
             every = Candidate(shift, "electrodes", places, "dense", {}, like.skin, like.scales)
             tangents = Tangents(own, reversed(self.search.cache.tangents.values()))
-            change, columns = tangents.away(change), tangents.of(every)
+            change, columns = tangents.project_out(change), tangents.columns(every)
         else:
-            place = own.place(self.index)
+            place = own.coordinate_slice(self.index)
             columns = np.delete(own.jacobian, np.arange(place.start, place.stop), axis=0)
             columns = columns.reshape(len(columns), -1)
         followed = explained(columns, change)[0] if len(columns) else 0.0
@@ -271,11 +271,11 @@ def _stretched(found: Found) -> Side | None:
     problem, state = found.state.fit.problem, found.state
     kind, like = Anisotropy(), found.effect
     tensor = Candidate(kind, None, None, "", {}, like.skin, like.scales)
-    turn = 2.0 * np.conj(wave) / like.scales.of(kind.parameters["ratio"])
+    turn = 2.0 * np.conj(wave) / like.scales.typical_change(kind.parameters["ratio"])
     effects = [c for i, c in enumerate(state.effects) if i != found.index]
-    place = state.fit.place(found.index)
+    place = state.fit.coordinate_slice(found.index)
     start = np.delete(state.fit.theta, np.arange(place.start, place.stop))
-    target = replace(problem, recorded=state.fit.voltage())
+    target = replace(problem, readings=state.fit.voltage())
     fitted = fit(target, [*effects, tensor], np.r_[start, turn.real, turn.imag], polish=True)
     values = fitted.settings()[-1].values
     reading = (
@@ -347,7 +347,7 @@ def _contacts(found: Found) -> Side | None:
     ratio = _factor(found)
     if ratio is None or found.effect.name == "contact-impedance":
         return None
-    angles = found.model.believed.electrode_deg
+    angles = found.model.nominal_skin.electrode_deg
     assert angles is not None
     sites = np.arange(len(angles))
     every = Setting(ContactImpedance(), sites, {"ratio": ratio}, "electrodes")
@@ -375,12 +375,14 @@ def _shared(found: Found) -> tuple[int, list[int], float] | None:
         table = found.model.channels[:, start : start + 2]
         own = [
             {tuple(sorted(pair)) for pair in table[table[:, 0] == site].tolist()}
-            for site in effects[index].own_sites
+            for site in effects[index].site_indices
         ]
         if any(len(ends) != 1 for ends in own):
             return None
         pairs.append([ends.pop() for ends in own])
-        places.append(np.arange(fit.place(index).start, fit.place(index).stop))
+        places.append(
+            np.arange(fit.coordinate_slice(index).start, fit.coordinate_slice(index).stop)
+        )
     if sorted(pairs[0]) != sorted(pairs[1]):
         return None
     second = places[1][[pairs[1].index(pair) for pair in pairs[0]]]
@@ -421,9 +423,9 @@ def _seat(found: Found) -> Side | None:
     tangents = linearised(search, less)
     whitening = less.fit.problem.whitening
     change = whitening(found.simulated(state.fit.settings()) - tangents.voltage).ravel()
-    signature = tangents.away(change)
+    signature = tangents.project_out(change)
     dense = [c for c in search.candidates if c.name in SEAT and c.scope == "dense"]
-    columns = np.concatenate([tangents.of(sparse(c, tuple(electrodes))) for c in dense])
+    columns = np.concatenate([tangents.columns(sparse(c, tuple(electrodes))) for c in dense])
     gain, _ = explained(columns, signature)
     return Side(float(np.sqrt(max(signature @ signature - gain, 0.0))), "")
 
@@ -438,7 +440,7 @@ def _turned(found: Found, shifted: bool) -> Side | None:
     turned = estimates(found.state.fit, found.index)["rotation_deg"]
     if turned["low"] <= 0.0 <= turned["high"]:
         return None
-    angles = found.model.believed.electrode_deg
+    angles = found.model.nominal_skin.electrode_deg
     assert angles is not None
     sites = np.arange(len(angles))
     ring = Setting(ElectrodePosition(), sites, {"shift_deg": -turn}, "electrodes")
@@ -475,7 +477,9 @@ def _load_cell(found: Found) -> Side:
     else:
         ratio = float(found.values["ratio"])
         true, how = ratio * force, f"{number(ratio)} times its reading"
-    voltage = model.displaced({"force_N": true - force}).voltage(found.knobs, found.others())
+    voltage = model.with_displacements({"force_N": true - force}).voltage(
+        found.knobs, found.others()
+    )
     reading = (
         f"As well the load cell may be at fault, the true force being {how}. Put known weights on"
         " it."

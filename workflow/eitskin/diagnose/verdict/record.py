@@ -9,7 +9,7 @@ import pandas as pd
 from eitskin import cores
 from eitskin.data import recording as recordings
 from eitskin.data.recording import Recording
-from eitskin.diagnose.fitting.fit import whitened_anew
+from eitskin.diagnose.fitting.fit import rewhitened
 from eitskin.diagnose.fitting.held_out import HeldOut, held_out
 from eitskin.diagnose.fitting.query import predict
 from eitskin.diagnose.search.explanation import Explanation
@@ -93,7 +93,7 @@ def _arrays(diagnosis: Diagnosis) -> dict[str, np.ndarray]:
         "held_out": diagnosis.reserve_mask.all(axis=1).astype(int),
         "held_out_channels": diagnosis.reserve_mask.all(axis=0),
         "press": search.problem.model.press,
-        "recorded_V": search.problem.recorded,
+        "recorded_V": search.problem.readings,
         "before_V": as_reported(search, before),
         "after_V": as_reported(search, after),
         "changes": changes,
@@ -116,7 +116,7 @@ def _changes(diagnosis: Diagnosis, mask: np.ndarray) -> tuple[np.ndarray, np.nda
     there = fit.problem.model.voltage(*fit.problem.split(fit.theta, fit.effects))
     for index in range(len(fit.effects)):
         try:
-            change = np.where(mask, (there - fit.without(index)) / sd, np.nan)
+            change = np.where(mask, (there - fit.voltage_without(index)) / sd, np.nan)
         except InputError:
             changes[index] = np.nan
             continue
@@ -132,7 +132,7 @@ def _rivals(diagnosis: Diagnosis) -> pd.DataFrame:
     out."""
 
     def held(state: Explanation) -> HeldOut:
-        return held_out(whitened_anew(state.fit, diagnosis.named.problem), diagnosis.search.folds)
+        return held_out(rewhitened(state.fit, diagnosis.named.problem), diagnosis.search.folds)
 
     columns = ["effect", "instead", "chi2_per_dof", "elpd_difference", "gap"]
     if not diagnosis.after.effects:

@@ -28,7 +28,7 @@ def rivals(search: Search, state: Explanation, index: int) -> list[Rival]:
     best = {added_effect(less, trial).name: trial for trial in reversed(trials)}
     best.pop(state.effects[index].name, None)
     named = [(None, less), *best.items()]
-    held_out, near = state.held_out, search.problem.model.near
+    held_out, near = state.held_out, search.problem.model.solved_skins
 
     def gained(rival: Explanation) -> tuple[float, float]:
         return held_out.gain(predicted(search, rival, state))

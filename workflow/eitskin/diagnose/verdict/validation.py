@@ -71,7 +71,7 @@ def _values(effect: Effect) -> dict:
         parameters["maxProperties"] = len(rules) - len(effect.either) + 1
     driver = {"const": effect.driver, "description": effect.driver}
     found = {"driver": driver, "parameters": parameters}
-    if not effect.apart:
+    if effect.combination is None:
         found["amounts"] = {"maxProperties": 0, "description": "none"}
     return {"properties": found}
 

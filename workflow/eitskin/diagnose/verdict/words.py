@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from eitskin.diagnose.fitting.estimates import UNTOLD
+from eitskin.diagnose.fitting.estimates import UNINFORMATIVE_RATIO
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import Effect, site_of
 from eitskin.quantities import interval, listed, number, quantity, written_alike
@@ -138,8 +138,8 @@ def finding(entry: dict, effect: Effect) -> str:
     given = entry["parameters"]
     values = {key: estimate["value"] for key, estimate in given.items()}
     text = effect.finding_at(values)
-    if "amounts" in entry:
-        text, given = effect.finding_together(values), given | entry["amounts"]
+    if "amounts" in entry and effect.combination is not None:
+        text, given = effect.combination.finding(values), given | entry["amounts"]
     optional = {key.partition(":")[0] for p in PART.findall(text) for key in GAP.findall(p)}
     untold = [key for key in given if key in optional and _untold(given[key])]
 
@@ -176,7 +176,7 @@ def confused(effect: dict) -> str:
 def _untold(estimate: dict) -> bool:
     """Whether the one value of a size above 0 might be anything, by its interval."""
     value, low, high = (estimate[key] for key in ("value", "low", "high"))
-    return np.ndim(value) == 0 and low > 0.0 and high > UNTOLD * low
+    return np.ndim(value) == 0 and low > 0.0 and high > UNINFORMATIVE_RATIO * low
 
 
 def mend(effect: dict, channels: np.ndarray) -> str:

@@ -13,14 +13,14 @@ from eitskin.data.recording import Recording, presses
 from eitskin.data.subset import of_frames
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.fitting import readings
-from eitskin.diagnose.fitting.fit import Fit, Problem, fit, whitened_anew
+from eitskin.diagnose.fitting.fit import Fit, Problem, fit, rewhitened
 from eitskin.diagnose.fitting.held_out import (
-    LEAST_PRESSES,
+    MIN_PRESSES,
     HeldOut,
-    aside,
-    put_aside,
+    draw_reserve_mask,
+    error_units,
+    predict_unseen,
     reciprocal_groups,
-    units,
 )
 from eitskin.diagnose.fitting.reserve import Reserve
 from eitskin.diagnose.noise.noise_model import NoiseModel
@@ -37,14 +37,14 @@ NOISE = 1e-3
 
 def rows_aside(recorded, seed):
     """(N,): the frames that are put aside, whole."""
-    kept = aside(recorded, seed)
+    kept = draw_reserve_mask(recorded, seed)
     assert kept.shape == recorded.voltage.shape
     rows = kept.any(axis=1)
     assert np.array_equal(kept, np.repeat(rows[:, None], kept.shape[1], axis=1))
     return rows
 
 
-@given(st.integers(0, 1000), st.integers(LEAST_PRESSES, 23))
+@given(st.integers(0, 1000), st.integers(MIN_PRESSES, 23))
 def test_whole_presses_are_put_aside_with_the_frames_before_them(seed, places):
     frames = states(places, seed)
     recorded = Recording(frames, np.ones((len(frames), len(CHANNELS))), None, None, METADATA)
@@ -68,18 +68,18 @@ def test_other_seeds_put_other_presses_aside(make_recording):
     assert rows[-1] == rows[presses(recorded) == last].any()
 
 
-@pytest.mark.parametrize("places", [0, LEAST_PRESSES - 1])
+@pytest.mark.parametrize("places", [0, MIN_PRESSES - 1])
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_without_presses_reciprocal_channels_are_put_aside(make_recording, places, seed):
     recorded = make_recording(presses=places)
-    kept = aside(recorded, seed)
+    kept = draw_reserve_mask(recorded, seed)
     columns = kept.any(axis=0)
     assert np.array_equal(kept, np.repeat(columns[None], len(kept), axis=0))
     for k, other in reciprocal_channels(recorded.channels)[0]:
         assert columns[k] == columns[other]
     assert 0.18 < columns.mean() < 0.22
-    assert np.array_equal(kept, aside(recorded, seed))
-    assert not np.array_equal(kept, aside(recorded, seed + 1))
+    assert np.array_equal(kept, draw_reserve_mask(recorded, seed))
+    assert not np.array_equal(kept, draw_reserve_mask(recorded, seed + 1))
 
 
 def test_channels_tied_through_others_are_one_group():
@@ -91,9 +91,9 @@ def test_channels_tied_through_others_are_one_group():
 def test_no_search_sees_what_is_put_aside():
     recorded = small_recording(noise=NOISE, places=5)
     noise, search, kept = staging.prepared(recorded, 3)
-    assert np.array_equal(kept, aside(recorded, 3)) and kept.any()
+    assert np.array_equal(kept, draw_reserve_mask(recorded, 3)) and kept.any()
     assert np.array_equal(search.problem.whitening.mask, ~kept)
-    assert np.isnan(search.problem.recorded[kept]).all()
+    assert np.isnan(search.problem.readings[kept]).all()
     # Nor does anything that it begins with depend on it.
     other = replace(recorded, voltage=np.where(kept, 1.003 * recorded.voltage, recorded.voltage))
     again, same, _ = staging.prepared(other, 3)
@@ -115,8 +115,8 @@ def test_channels_put_aside_have_the_noise_of_their_level(places):
     assert np.allclose(found[columns], np.median(found[~columns]), rtol=0.1)
     search, state = refits.calibrated(search)
     there = readings.reserve_problem(search.problem, recorded, noise, kept)
-    judged = Reserve(there, state.error_sds, search.converter_step, units(recorded))
-    assert 0.7 < judged.predicted_in_white(state.fit).chi2_per_dof < 1.4
+    judged = Reserve(there, state.error_sds, search.converter_step, error_units(recorded))
+    assert 0.7 < judged.noise_prediction(state.fit).chi2_per_dof < 1.4
     other = replace(recorded, voltage=np.where(kept, 1.3 * recorded.voltage, recorded.voltage))
     assert np.array_equal(staging.prepared(other, 3)[0].sd, noise.sd)
 
@@ -126,7 +126,7 @@ def searched(recorded, item):
     noise = NoiseModel(
         np.full(len(CHANNELS), NOISE * np.median(np.abs(recorded.voltage))), 1e6, "given"
     )
-    kept = aside(recorded, 1)
+    kept = draw_reserve_mask(recorded, 1)
     seen = replace(recorded, voltage=np.where(kept, np.nan, recorded.voltage))
     problem, scales = readings.problem_of(seen, noise)
     candidates = candidates_of(seen, problem, scales)
@@ -141,7 +141,7 @@ def earning(search, state, there, recorded, noise):
     """What `pruning` leaves of a state, and the reserve that judged it."""
 
     def reserve_of(error_sds):
-        return Reserve(there, error_sds, search.converter_step, units(recorded))
+        return Reserve(there, error_sds, search.converter_step, error_units(recorded))
 
     return pruning._earning(search, state, reserve_of, noise.dof)
 
@@ -157,7 +157,7 @@ def harms(reserve, after, before, folds, accepted):
 def test_an_effect_that_only_seen_presses_have_is_not_earned(everywhere):
     recorded = small_recording(CONTRAST, noise=NOISE, places=6)
     plain = small_recording(noise=NOISE, places=6)
-    kept = aside(recorded, 1)
+    kept = draw_reserve_mask(recorded, 1)
     if not everywhere:
         recorded.voltage = np.where(kept, plain.voltage, recorded.voltage)
     search, state, noise, kept = searched(recorded, CONTRAST)
@@ -169,7 +169,7 @@ def test_an_effect_that_only_seen_presses_have_is_not_earned(everywhere):
     assert [row["action"] for row in search.journal.steps] == ([] if everywhere else ["not earned"])
     gain, error = judged.gain(state.fit, refits.reduced(search, state, 0).fit)
     assert (gain > 2.0 * error) if everywhere else (gain < -2.0 * error)
-    assert np.array_equal(judged.white.mask, kept)
+    assert np.array_equal(judged.noise_whitening.mask, kept)
 
 
 def test_harm_is_asked_of_predictions_as_each_fit_would_make_them(monkeypatch):
@@ -182,15 +182,15 @@ def test_harm_is_asked_of_predictions_as_each_fit_would_make_them(monkeypatch):
     white = state.fit.problem.whitening
     other = replace(white, sd=white.sd * np.linspace(1.0, 30.0, len(white.sd)))
     problem = replace(state.fit.problem, whitening=other)
-    state = replace(state, fit=whitened_anew(state.fit, problem))
+    state = replace(state, fit=rewhitened(state.fit, problem))
     there, asked = readings.reserve_problem(search.problem, recorded, noise, kept), []
     harmless = 1.0, 1.0, 0.0
     monkeypatch.setattr(Reserve, "harm", lambda self, *of: asked.append(of) or harmless)
     earning(search, state, there, recorded, noise)
     less, folds = refits.reduced(search, state, 0), asked[0][2]
-    assert np.array_equal(folds[0].plain, state.held_out.plain)
-    assert np.array_equal(folds[1].plain, less.held_out.plain)
-    assert not np.allclose(folds[1].plain, prediction.predicted(search, less, state).plain)
+    assert np.array_equal(folds[0].residual, state.held_out.residual)
+    assert np.array_equal(folds[1].residual, less.held_out.residual)
+    assert not np.allclose(folds[1].residual, prediction.predicted(search, less, state).residual)
 
 
 @pytest.mark.parametrize(("gain_over_presses", "stays"), [(0.1, True), (-0.1, False)])
@@ -216,9 +216,9 @@ def judging():
     recorded = small_recording(noise=NOISE, places=20)
     problem, _ = problem_of(recorded, NOISE)
     found = fit(problem, [], np.zeros(len(problem.model.calibrations)), polish=True)
-    kept = aside(recorded, 2)
+    kept = draw_reserve_mask(recorded, 2)
     white = replace(problem.whitening, mask=kept, rho=np.zeros(len(CHANNELS)))
-    return found, white, {"common-noise": 2.0 * white.sd.mean()}, units(recorded)
+    return found, white, {"common-noise": 2.0 * white.sd.mean()}, error_units(recorded)
 
 
 def judge(found, readings, white, sizes, unit):
@@ -233,12 +233,12 @@ def test_what_was_put_aside_is_judged_in_its_own_covariance(judging):
     noise += 2.0 * white.sd.mean() * draw.choice([-1.0, 1.0], (len(noise), 1))
     readings = np.where(white.mask, found.voltage() + noise, np.nan)
     judged = judge(found, readings, white, sizes, unit)
-    by, by_white = judged.predicted(found), judged.predicted_in_white(found)
+    by, by_white = judged.prediction(found), judged.noise_prediction(found)
     assert np.isclose(by_white.chi2_per_dof, ((noise / white.sd)[white.mask] ** 2).mean())
     assert by_white.chi2_per_dof > 3.0 and 0.85 < by.chi2_per_dof < 1.15
-    assert by.readings == white.mask.sum()
+    assert by.reading_count == white.mask.sum()
     assert np.isclose(by.rms, np.sqrt((noise[white.mask] ** 2).mean()))
-    assert not by.error[~white.mask].any() and not by.plain[~white.mask].any()
+    assert not by.error[~white.mask].any() and not by.residual[~white.mask].any()
     assert judged.p_value(found, 1e6) > 0.01
     assert judge(found, readings, white, {}, unit).p_value(found, 1e6) < 1e-6
     # A noise that nobody knows well is no ground to refuse a fit.
@@ -262,7 +262,7 @@ def test_a_right_fit_is_seldom_refused(share):
     sizes = {"common-noise": np.sqrt(share) * white.sd[0]}
     theta = np.zeros(len(problem.model.calibrations) + dense.size)
     there = problem.voltage(theta, [dense])
-    found = fit(replace(problem, recorded=there, whitening=plain), [dense], theta, polish=True)
+    found = fit(replace(problem, readings=there, whitening=plain), [dense], theta, polish=True)
     draw, p = np.random.default_rng(4), []
     for _ in range(150):
         error = found.root @ draw.normal(size=len(theta))
@@ -270,7 +270,7 @@ def test_a_right_fit_is_seldom_refused(share):
         noise = white.sd * draw.normal(size=shape)
         noise += np.sqrt(share) * white.sd * draw.normal(size=(shape[0], 1))
         readings = np.where(white.mask, there + noise + off, np.nan)
-        p.append(judge(found, readings, white, sizes, units(recorded)).p_value(found, 1e6))
+        p.append(judge(found, readings, white, sizes, error_units(recorded)).p_value(found, 1e6))
     assert np.mean(np.array(p) < 0.05) < 0.1
 
 
@@ -291,7 +291,7 @@ def test_a_gain_is_that_of_the_log_density(judging):
     judged = judge(found, readings, white, sizes, unit)
     off = Fit(found.problem, [], found.theta + 0.01, found.residual, found.slopes)
     gain, error = judged.gain(found, off)
-    rigged = judged.transferred(found).problem.whitening
+    rigged = judged.transfer(found).problem.whitening
     here, there = (rigged(np.where(white.mask, readings - f.voltage(), 0.0)) for f in (found, off))
     assert np.isclose(gain, 0.5 * ((there**2).sum() - (here**2).sum()))
     assert np.isclose(error, np.linalg.norm(here - there))
@@ -384,9 +384,13 @@ def test_a_gain_is_in_common_beyond_its_scatter_over_presses(judging, gains):
     assert one.gain_over_presses(other, other, (here, there)) == np.inf
     # Presses that were put aside have a gain of their own.
     off = replace(other, theta=found.theta + 0.3)
-    aside = white.mask.any(axis=1)
+    draw_reserve_mask = white.mask.any(axis=1)
     own = (
-        np.where(aside, judged.predicted(other).density - judged.predicted(off).density, 0.0)
+        np.where(
+            draw_reserve_mask,
+            judged.prediction(other).log_density - judged.prediction(off).log_density,
+            0.0,
+        )
         + density
     )
     total = np.array([own[unit[:, 0] == one].sum() for one in label])
@@ -412,9 +416,9 @@ def test_put_aside_leaves_out_what_was_lost(judging):
     lost = white.mask & (np.random.default_rng(4).random(white.mask.shape) < 0.3)
     fewer = replace(white, mask=white.mask & ~lost)
     readings = np.where(fewer.mask, found.voltage() + white.sd, np.nan)
-    told = put_aside(replace(found, problem=Problem(found.problem.model, readings, fewer)))
-    assert told.readings == fewer.mask.sum()
-    assert np.isclose(told.chi2.sum(), told.readings) and np.isclose(told.chi2_per_dof, 1.0)
+    told = predict_unseen(replace(found, problem=Problem(found.problem.model, readings, fewer)))
+    assert told.reading_count == fewer.mask.sum()
+    assert np.isclose(told.chi2.sum(), told.reading_count) and np.isclose(told.chi2_per_dof, 1.0)
 
 
 @pytest.mark.long

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eitskin.diagnose.fitting.candidates import discrete, log_ways, without_site
+from eitskin.diagnose.fitting.candidates import is_discrete, log_subset_count, without_site
 from eitskin.effects.settings import settings, site_counts
 from small_skin import CHANNELS, candidates_of, kinds_of, problem_of, small_recording
 
@@ -40,7 +40,7 @@ def test_effects_of_time_need_a_clock():
 
 
 @pytest.mark.parametrize(
-    "candidate", [c for c in KINDS if not discrete(c) and c.linear.any()], ids=label
+    "candidate", [c for c in KINDS if not is_discrete(c) and c.linear.any()], ids=label
 )
 def test_zero_does_nothing_and_one_does_something(candidate, untouched_by_effects):
     still = PROBLEM.model.voltage(np.zeros(1), [candidate.setting(np.zeros(candidate.size))])
@@ -79,7 +79,7 @@ def test_values_are_additive_or_logarithmic(candidate, seed):
         change = np.log(value / neutral) if parameter.low > 0 else value - neutral
         assert parameter.low <= value <= parameter.high
         if parameter.low < value < parameter.high:
-            expected = SCALES.of(parameter) * coordinates[i]
+            expected = SCALES.typical_change(parameter) * coordinates[i]
             assert np.isclose(change, expected, rtol=1e-9, atol=1e-12)
 
 
@@ -93,7 +93,7 @@ def test_a_size_and_an_angle_are_one_vector(candidate, seed):
     neutral = candidate.effect.neutral(size_key, candidate.skin)
     size = np.log(values[size_key] / neutral) if parameter.low > 0 else values[size_key] - neutral
     turn = np.exp(1j * np.radians(multiple * values[angle_key]))
-    expected = SCALES.of(parameter) * (coordinates[at[0]] + 1j * coordinates[at[1]])
+    expected = SCALES.typical_change(parameter) * (coordinates[at[0]] + 1j * coordinates[at[1]])
     assert np.isclose(size * turn, expected)
 
 
@@ -104,4 +104,4 @@ def test_a_site_less():
 
 @pytest.mark.parametrize(("count", "size", "ways"), [(8, 1, 8), (8, 2, 28), (208, 3, 1478256)])
 def test_ways_to_choose_sites(count, size, ways):
-    assert np.isclose(np.exp(log_ways(count, size)), ways)
+    assert np.isclose(np.exp(log_subset_count(count, size)), ways)

@@ -33,13 +33,13 @@ def by(size):
 def found(problem, sizes):
     fitted = calibrated(problem)
     rig = linearised_rig_errors(fitted, problem.whitening, 0.0)
-    return fitted, touches.followed(problem, fitted, rig, sizes)
+    return fitted, touches.relocated_touches(problem, fitted, rig, sizes)
 
 
 def test_touches_are_found_where_they_were():
     problem, truth = strayed(by(0.8))
     fitted, model = found(problem, PLACES)
-    off = touches.moved(model, problem.model)
+    off = touches.displacements(model, problem.model)
     left = np.column_stack([off["x_mm"], off["y_mm"]]) - truth
     touched = problem.model.touched
     assert np.sqrt((left[touched] ** 2).mean()) < 0.15 * np.sqrt((truth[touched] ** 2).mean())
@@ -47,7 +47,7 @@ def test_touches_are_found_where_they_were():
 
     def misfit(there):
         voltage = replace(problem, model=there).voltage(fitted.theta, [])
-        return np.sqrt((((problem.recorded - voltage) / problem.whitening.sd) ** 2).mean())
+        return np.sqrt((((problem.readings - voltage) / problem.whitening.sd) ** 2).mean())
 
     assert misfit(problem.model) > 3.0 * misfit(model)
 
@@ -55,9 +55,9 @@ def test_touches_are_found_where_they_were():
 def test_they_are_followed_no_farther_than_their_errors_reach():
     problem, truth = strayed(by(0.8))
     _, model = found(problem, {"place-per-frame": 0.2})
-    off = touches.moved(model, problem.model)
-    assert max(np.abs(off[key]).max() for key in off) <= 0.2 * touches.STRAYS + 1e-9
-    assert np.abs(truth).max() > 0.2 * touches.STRAYS
+    off = touches.displacements(model, problem.model)
+    assert max(np.abs(off[key]).max() for key in off) <= 0.2 * touches.MAX_DISPLACEMENT_SDS + 1e-9
+    assert np.abs(truth).max() > 0.2 * touches.MAX_DISPLACEMENT_SDS
 
 
 @pytest.mark.parametrize(
@@ -74,10 +74,10 @@ def test_readings_that_are_put_aside_move_nothing():
     problem, _ = strayed(by(0.8))
     mask = problem.whitening.mask.copy()
     mask[::2] = False
-    recorded = np.where(mask, problem.recorded, np.nan)
+    recorded = np.where(mask, problem.readings, np.nan)
     fewer = Problem(problem.model, recorded, replace(problem.whitening, mask=mask))
     _, model = found(fewer, PLACES)
-    off = touches.moved(model, problem.model)
+    off = touches.displacements(model, problem.model)
     assert not off["x_mm"][::2].any() and off["x_mm"][1::2].any()
 
 
@@ -86,4 +86,4 @@ def test_a_second_time_nothing_moves():
     fitted, model = found(problem, PLACES)
     there = replace(fitted, problem=replace(problem, model=model))
     rig = linearised_rig_errors(there, problem.whitening, 0.0)
-    assert touches.followed(problem, there, rig, PLACES) is model
+    assert touches.relocated_touches(problem, there, rig, PLACES) is model

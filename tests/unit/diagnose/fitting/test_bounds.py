@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from diagnosed_skin import SCHEMA, diagnosed
 from eitskin.diagnose.fitting.estimates import amounts, calibration, estimates
 from eitskin.diagnose.fitting.fit import fit
-from eitskin.diagnose.fitting.simulator import MOST, UNKNOWN, Calibration
+from eitskin.diagnose.fitting.simulator import MAX_SD, UNKNOWN, Calibration
 from eitskin.diagnose.report import page
 from eitskin.diagnose.verdict import words
 from eitskin.diagnose.verdict.validation import validate
@@ -41,7 +41,7 @@ def contacts(ratio):
 def test_a_calibration_beyond_what_is_tried_ends_at_its_bound(ratio, bound):
     found = calibration(contacts(ratio))
     assert found[IMPEDIVITY]["at_bound"] == bound
-    limit = START * np.exp(MOST * SD if bound == "high" else -MOST * SD)
+    limit = START * np.exp(MAX_SD * SD if bound == "high" else -MAX_SD * SD)
     assert np.isclose(found[IMPEDIVITY]["value"], limit, rtol=0.07)
     word = {"high": "largest", "low": "least"}[bound]
     (said,) = words.pinned({IMPEDIVITY: found[IMPEDIVITY]})
@@ -121,7 +121,7 @@ def test_a_small_value_that_is_known_is_at_no_bound_where_nothing_is_the_least(k
         effects=[effect],
         theta=small,
         covariance=np.diag((known * small) ** 2),
-        place=lambda _: slice(0, 1),
+        coordinate_slice=lambda _: slice(0, 1),
     )
     found = estimates(fitted, 0)[key]
     assert 0.0 < found["value"] < found["high"] and found.get("at_bound") == bound
@@ -185,14 +185,19 @@ def a_patch():
 def patch(theta, covariance):
     """A fit of a patch at coordinates, and what parameters come to there."""
     fitted = SimpleNamespace(
-        effects=[a_patch()], theta=theta, covariance=covariance, place=lambda _: slice(0, 4)
+        effects=[a_patch()],
+        theta=theta,
+        covariance=covariance,
+        coordinate_slice=lambda _: slice(0, 4),
     )
     return fitted, amounts(fitted, 0, estimates(fitted, 0))
 
 
 def radius(fitted, theta):
     (effect,) = fitted.effects
-    return effect.effect.amounts(effect.setting(theta).values)["equivalent_radius_mm"][0]
+    return effect.effect.combination.amounts(effect.setting(theta).values)["equivalent_radius_mm"][
+        0
+    ]
 
 
 def opposed(theta, sd):

@@ -41,7 +41,7 @@ def moved(recorded, steps):
 def test_displaced_touches_read_as_if_they_had_been_recorded_there(recorded, steps):
     model, coordinates = RecordingSimulator(recorded), np.array([0.1])
     before = model.voltage(coordinates, [])
-    found = model.displaced(steps).voltage(coordinates, [])
+    found = model.with_displacements(steps).voltage(coordinates, [])
     expected = RecordingSimulator(recorded, moved(recorded, steps)).voltage(coordinates, [])
     assert np.array_equal(found, expected)
     assert np.abs(found - before)[model.touched].max() > 1e-3 * np.abs(before).max()
@@ -51,7 +51,7 @@ def test_displaced_touches_read_as_if_they_had_been_recorded_there(recorded, ste
 
 def test_untouched_frames_stay_and_no_force_is_negative(recorded, steps):
     model = RecordingSimulator(recorded)
-    states = model.displaced(steps).states
+    states = model.with_displacements(steps).states
     force = states["force_N"].to_numpy()
     expected = model.states["force_N"].to_numpy() + steps["force_N"]
     assert (expected[model.touched] < 0).any() and force.min() == 0.0
@@ -63,12 +63,14 @@ def test_untouched_frames_stay_and_no_force_is_negative(recorded, steps):
 
 def test_displaced_twice_is_displaced_by_both(recorded, steps):
     model, coordinates = RecordingSimulator(recorded), np.zeros(1)
-    once = model.displaced({"x_mm": steps["x_mm"]})
-    twice = once.displaced({"y_mm": steps["y_mm"]}).voltage(coordinates, [])
-    both = model.displaced({k: steps[k] for k in ("x_mm", "y_mm")}).voltage(coordinates, [])
+    once = model.with_displacements({"x_mm": steps["x_mm"]})
+    twice = once.with_displacements({"y_mm": steps["y_mm"]}).voltage(coordinates, [])
+    both = model.with_displacements({k: steps[k] for k in ("x_mm", "y_mm")}).voltage(
+        coordinates, []
+    )
     assert np.allclose(twice, both, rtol=1e-9)
     assert not np.allclose(once.voltage(coordinates, []), both)
-    assert model.displaced({}).states.equals(model.states)
+    assert model.with_displacements({}).states.equals(model.states)
 
 
 @pytest.mark.parametrize("current_A", [1e-3, None])

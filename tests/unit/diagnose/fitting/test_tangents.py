@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eitskin.diagnose.fitting.candidates import discrete
-from eitskin.diagnose.fitting.fit import fit
-from eitskin.diagnose.fitting.tangents import SPREAD, Tangents
+from eitskin.diagnose.fitting.candidates import is_discrete
+from eitskin.diagnose.fitting.fit import FitLimits, fit
+from eitskin.diagnose.fitting.tangents import MIN_SPREAD, Tangents
 from eitskin.effects.effect import LeakEffect
 from eitskin.physics.skin import Skin
 from small_skin import calibrated, candidates_of, kinds_of, problem_of, small_recording
@@ -24,7 +24,10 @@ def single(problem, scales):
     return [
         c
         for c in kinds_of(candidates_of(RECORDED, problem, scales))
-        if c.name not in ROUGH and c.kind != "channels" and not discrete(c) and c.scope != "dense"
+        if c.name not in ROUGH
+        and c.kind != "channels"
+        and not is_discrete(c)
+        and c.scope != "dense"
     ]
 
 
@@ -66,11 +69,11 @@ def brute_force(tangents, candidate):
         unit = STEP * np.eye(candidate.size)[i]
         sides = ends(candidate, candidate.names[i][0])
         up, down = (
-            tangents.problem.model.voltage(tangents.knobs, [candidate.setting(side * unit)])
+            tangents.problem.model.voltage(tangents.calibration, [candidate.setting(side * unit)])
             for side in sides
         )
         change = (up - down) / (STEP * (sides[0] - sides[1]))
-        columns.append(tangents.away(tangents.problem.whitening(change).ravel()))
+        columns.append(tangents.project_out(tangents.problem.whitening(change).ravel()))
     return np.array(columns)
 
 
@@ -87,7 +90,7 @@ def test_tangents_of_leaks_are_differences_where_the_sink_is_grounded(grounded, 
 def assert_differences(tangents, candidate):
     expected = brute_force(tangents, candidate)
     expected = expected[(expected**2).sum(axis=1) > 1e-9]
-    found = tangents.of(candidate)
+    found = tangents.columns(candidate)
     assert found.shape == expected.shape
     for column, other in zip(found, expected, strict=True):
         assert np.linalg.norm(column - other) < 0.02 * np.linalg.norm(other)
@@ -100,13 +103,15 @@ def test_tangents_about_a_body_are_differences_of_accurate_ones():
     problem, scales = problem_of(recorded)
     every = candidates_of(recorded, problem, scales)
     body = next(c for c in every if c.name == "third-dimension")
-    about = Tangents(fit(problem, [body], np.zeros(1), enough=-np.inf))
+    about = Tangents(fit(problem, [body], np.zeros(1), limits=FitLimits(-np.inf)))
     assert about.accuracy == "train"
     apart = []
     for name in ("contact-impedance", "electrode-position", "electrode-width", "touch-contrast"):
         candidate = next(c for c in every if c.name == name)
         sides = [
-            problem.model.voltage(about.knobs, [*about.chosen, candidate.setting(np.array([step]))])
+            problem.model.voltage(
+                about.calibration, [*about.settings, candidate.setting(np.array([step]))]
+            )
             for step in (STEP, -STEP)
         ]
         exact = problem.whitening((sides[0] - sides[1]) / (2 * STEP)).ravel()
@@ -119,7 +124,7 @@ def test_tangents_about_a_body_are_differences_of_accurate_ones():
 def test_tangents_are_those_of_an_accurate_skin(times, accuracy, monkeypatch):
     """On a small skin with wide electrodes, whose currents crowd most."""
     skin = Skin(30.0, 3.0, 0.5, tuple(45.0 * np.arange(8)), 8.7, 0.0, 1e-3, 0.5)
-    skin = replace(skin, contact_impedivity_ohm_m2=times * SPREAD * 8.7e-3 / 0.5)
+    skin = replace(skin, contact_impedivity_ohm_m2=times * MIN_SPREAD * 8.7e-3 / 0.5)
     recorded = small_recording(places=2, skin=skin)
     problem, scales = problem_of(recorded)
     found = Tangents(fit(problem, [], np.zeros(len(problem.model.calibrations))))
@@ -129,7 +134,7 @@ def test_tangents_are_those_of_an_accurate_skin(times, accuracy, monkeypatch):
     for candidate in single(problem, scales):
         if not isinstance(candidate.effect, LeakEffect):
             for index in np.flatnonzero(candidate.linear):
-                a, b = (one._raw(candidate, int(index)) for one in (found, exact))
+                a, b = (one._raw_column(candidate, int(index)) for one in (found, exact))
                 assert (a is None) == (b is None)
                 assert a is None or np.linalg.norm(a - b) < 1e-3 * np.linalg.norm(b)
 
@@ -137,7 +142,7 @@ def test_tangents_are_those_of_an_accurate_skin(times, accuracy, monkeypatch):
 def test_nothing_fitted_is_left_in_them(tangents):
     knob = tangents.fit.jacobian.reshape(1, -1)
     for candidate in KINDS:
-        columns = tangents.of(candidate)
+        columns = tangents.columns(candidate)
         lengths = np.linalg.norm(columns, axis=1) * np.linalg.norm(knob)
         assert (np.abs(columns @ knob.T).ravel() < 1e-6 * lengths).all()
 
@@ -146,9 +151,9 @@ def test_a_dense_candidate_has_the_columns_of_its_sites(tangents):
     every = candidates_of(RECORDED, PROBLEM, SCALES)
     own = [c for c in every if c.name == "contact-impedance"]
     dense, common = (next(c for c in own if c.scope == s) for s in ("dense", "common"))
-    singles = [tangents.of(c)[0] for c in own if c.scope == "sparse"]
-    assert np.allclose(tangents.of(dense), singles)
-    assert np.allclose(tangents.of(common)[0], np.sum(singles, axis=0))
+    singles = [tangents.columns(c)[0] for c in own if c.scope == "sparse"]
+    assert np.allclose(tangents.columns(dense), singles)
+    assert np.allclose(tangents.columns(common)[0], np.sum(singles, axis=0))
     assert tangents.jacobian(dense).shape == (8, *RECORDED.voltage.shape)
 
 
@@ -160,6 +165,6 @@ def test_gains_of_all_sites_are_differentiated_together(kind, beside):
     start = np.full(1 + sum(c.size for c in effects), 0.2)
     about = fit(PROBLEM, effects, start, polish=True)
     gains = [c for c in every if c.kind == kind and c.name.endswith("gain")]
-    together = Tangents(about).of(next(c for c in gains if c.scope == "dense"))
-    singles = [Tangents(about).of(c)[0] for c in gains if c.scope == "sparse"]
+    together = Tangents(about).columns(next(c for c in gains if c.scope == "dense"))
+    singles = [Tangents(about).columns(c)[0] for c in gains if c.scope == "sparse"]
     assert np.allclose(together, singles, atol=1e-6 * np.abs(singles).max())

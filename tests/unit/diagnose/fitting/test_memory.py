@@ -8,8 +8,8 @@ import pytest
 from eitskin import cli
 from eitskin.data import recording
 from eitskin.data.recording import Recording, frames_table, presses
-from eitskin.diagnose.fitting.excerpt import LIMIT_GIB, MOST_FRAMES
-from eitskin.diagnose.fitting.memory import GIB, LEAST_FRAMES, Counts, foretold, most_frames
+from eitskin.diagnose.fitting.excerpt import LIMIT_GIB, MAX_FRAMES
+from eitskin.diagnose.fitting.memory import GIB, MIN_FRAMES, Counts, frame_limit, peak_bytes
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
 from eitskin.physics.geometry import even_angles
@@ -41,21 +41,23 @@ def every_drive(electrodes):
 
 @pytest.mark.parametrize("skin", [{}, {"touched": False}, {"touched": False, "thickness_mm": 40.0}])
 def test_a_usual_recording_keeps_as_many_frames_as_ever(skin):
-    assert most_frames(of_channels(16, channel_table(16), 600, **skin)) == MOST_FRAMES
+    assert frame_limit(of_channels(16, channel_table(16), 600, **skin)) == MAX_FRAMES
 
 
 @pytest.mark.parametrize("limit", [1.5, 4.0, 16.0])
 @pytest.mark.parametrize("electrodes", [16, 32])
 def test_as_many_frames_as_fit_are_diagnosed(electrodes, limit):
     recorded = of_channels(electrodes, channel_table(electrodes), 600)
-    counts = Counts.of(recorded)
-    if foretold(counts, LEAST_FRAMES) > limit * GIB:
+    counts = Counts.from_recording(recorded)
+    if peak_bytes(counts, MIN_FRAMES) > limit * GIB:
         with pytest.raises(InputError):
-            most_frames(recorded, limit)
+            frame_limit(recorded, limit)
         return
-    count = most_frames(recorded, limit)
-    assert foretold(counts, count) <= limit * GIB
-    assert count == MOST_FRAMES or (foretold(counts, np.arange(count + 1, 501)) > limit * GIB).all()
+    count = frame_limit(recorded, limit)
+    assert peak_bytes(counts, count) <= limit * GIB
+    assert (
+        count == MAX_FRAMES or (peak_bytes(counts, np.arange(count + 1, 501)) > limit * GIB).all()
+    )
 
 
 @pytest.mark.parametrize(
@@ -63,40 +65,42 @@ def test_as_many_frames_as_fit_are_diagnosed(electrodes, limit):
 )
 @pytest.mark.parametrize("frames", [20, 500])
 def test_more_of_anything_takes_more(more, frames):
-    assert foretold(replace(ORDINARY, **more), frames) > foretold(ORDINARY, frames)
-    assert foretold(ORDINARY, frames) > foretold(replace(ORDINARY, touched=False), frames)
+    assert peak_bytes(replace(ORDINARY, **more), frames) > peak_bytes(ORDINARY, frames)
+    assert peak_bytes(ORDINARY, frames) > peak_bytes(replace(ORDINARY, touched=False), frames)
 
 
 def test_too_many_channels_are_refused_in_a_sentence_that_says_how_many_may_be():
     channels = every_drive(32)
     with pytest.raises(InputError) as refused:
-        most_frames(of_channels(32, channels, 40), file="skin.parquet")
+        frame_limit(of_channels(32, channels, 40), file="skin.parquet")
     said = str(refused.value)
     assert said.startswith("skin.parquet: memory: found 13920 channels of 32 electrodes, of which")
     assert "at most 4 GiB: a recording of " in said and "--memory GIB" in said
     most = int(said.split("a recording of ")[1].split(" channels")[0])
     assert 928 < most < len(channels)
     thinned = channels[np.linspace(0, len(channels) - 1, most).astype(int)]
-    assert most_frames(of_channels(32, thinned, 40)) >= LEAST_FRAMES
+    assert frame_limit(of_channels(32, thinned, 40)) >= MIN_FRAMES
     need = float(said.split("take up to ")[1].split(" GiB")[0])
     assert need > LIMIT_GIB
-    assert most_frames(of_channels(32, channels, 40), 1.01 * need) >= LEAST_FRAMES
+    assert frame_limit(of_channels(32, channels, 40), 1.01 * need) >= MIN_FRAMES
 
 
 def test_a_short_recording_needs_no_more_frames_than_it_has():
-    counts = Counts.of(of_channels(32, every_drive(32)[::5], 2))
-    enough = float(foretold(counts, 2)) / GIB
-    assert 2 <= most_frames(of_channels(32, every_drive(32)[::5], 2), enough) < LEAST_FRAMES
+    counts = Counts.from_recording(of_channels(32, every_drive(32)[::5], 2))
+    enough = float(peak_bytes(counts, 2)) / GIB
+    assert 2 <= frame_limit(of_channels(32, every_drive(32)[::5], 2), enough) < MIN_FRAMES
 
 
 def test_a_body_of_good_contacts_takes_more_than_one_of_poor_ones():
     deep = {"thickness_mm": 40.0, "electrode_height_mm": 5.0}
     poor, good = (
-        Counts.of(of_channels(16, channel_table(16), 2, contact_impedivity_ohm_m2=z, **deep))
+        Counts.from_recording(
+            of_channels(16, channel_table(16), 2, contact_impedivity_ohm_m2=z, **deep)
+        )
         for z in (2e-3, 1e-4)
     )
     assert 0 < poor.modes < good.modes
-    assert Counts.of(of_channels(16, channel_table(16), 2)).modes == 0
+    assert Counts.from_recording(of_channels(16, channel_table(16), 2)).modes == 0
 
 
 def test_the_command_refuses_before_anything_is_done(tmp_path, capsys, monkeypatch):
@@ -142,7 +146,8 @@ print(peak[0])
 """
 
 
-# With the machine to itself: `python -m pytest -m rehearsal tests/unit/diagnose/test_memory.py`.
+# With the machine to itself:
+# `python -m pytest -m rehearsal tests/unit/diagnose/fitting/test_memory.py`.
 @pytest.mark.rehearsal
 @pytest.mark.parametrize(
     ("electrodes", "frames", "skin"),
@@ -168,5 +173,5 @@ def test_what_is_foretold_is_more_than_it_takes_but_not_by_far(tmp_path, electro
     recording.write(recorded, tmp_path / "skin.parquet")
     command = [sys.executable, "-c", MEASURED, str(tmp_path / "skin.parquet"), "16"]
     run = subprocess.run(command, capture_output=True, text=True, check=True)
-    peak, most = int(run.stdout), foretold(Counts.of(recorded), frames)
+    peak, most = int(run.stdout), peak_bytes(Counts.from_recording(recorded), frames)
     assert most / 4.0 < peak < most

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eitskin.diagnose.fitting.fit import _slopes, derivative, fit, stepped, whitened_anew
+from eitskin.diagnose.fitting.fit import _slopes, derivative, fit, gauss_newton_step, rewhitened
 from eitskin.diagnose.fitting.jacobian import Jacobian
 from eitskin.diagnose.noise.whitening import ErrorColumns
 from small_skin import CHANNELS, candidates_of, problem_of, small_recording
@@ -20,7 +20,7 @@ def mixed():
     full = draw.normal(size=(6, 7, 4))
     coordinates, own = np.array([1, 3, 4, 5]), np.array([2, 0, 1, 3])
     full[coordinates] *= np.eye(4)[own][:, None, :]
-    return Jacobian.of(full, [(coordinates, own)]), full
+    return Jacobian.from_full(full, [(coordinates, own)]), full
 
 
 @pytest.mark.parametrize("by_channel", [True, False])
@@ -55,7 +55,7 @@ def rigged(problem, each):
     """The problem with errors that each channel, each frame, or all readings have."""
     draw = np.random.default_rng(2)
     sizes = {"channel": 0, "frame": 0, "whole": 0, each: 2}
-    shape, sd = problem.recorded.shape, problem.whitening.sd
+    shape, sd = problem.readings.shape, problem.whitening.sd
     columns = {k: sd * draw.normal(size=(count, *shape)) for k, count in sizes.items()}
     whitening = replace(problem.whitening, correlation=0.3, errors=ErrorColumns(**columns))
     return replace(problem, whitening=whitening)
@@ -64,7 +64,7 @@ def rigged(problem, each):
 @pytest.mark.parametrize("each", ["channel", "frame", "whole"])
 def test_slopes_whitened_anew_are_those_found_there(gains, each):
     there = rigged(gains.problem, each)
-    found = whitened_anew(gains, there)
+    found = rewhitened(gains, there)
     assert np.array_equal(found.residual, there.residual(gains.theta, gains.effects))
     assert found.theta is gains.theta and found.problem is there
     for index in (0, 1, 17, len(CHANNELS)):
@@ -76,19 +76,19 @@ def test_slopes_whitened_anew_are_those_found_there(gains, each):
 
 
 def test_whitened_anew_there_and_back_is_the_same(gains):
-    again = whitened_anew(whitened_anew(gains, rigged(gains.problem, "whole")), gains.problem)
+    again = rewhitened(rewhitened(gains, rigged(gains.problem, "whole")), gains.problem)
     assert np.allclose(again.jacobian, gains.jacobian, atol=1e-9 * np.abs(gains.jacobian).max())
     assert np.isclose(again.chi2, gains.chi2)
 
 
 def test_a_step_goes_to_the_optimum_there(gains):
-    there = whitened_anew(gains, rigged(gains.problem, "whole"))
-    moved = stepped(there)
+    there = rewhitened(gains, rigged(gains.problem, "whole"))
+    moved = gauss_newton_step(there)
     best = fit(there.problem, there.effects, there.theta, polish=True)
     assert best.cost <= moved.cost < there.cost
     assert moved.cost - best.cost < 0.02 * (there.cost - best.cost) + 0.02
     assert moved.slopes is there.slopes
     # At the optimum there is nowhere to go, and slopes that lead astray lead nowhere.
-    assert stepped(best).cost <= best.cost
+    assert gauss_newton_step(best).cost <= best.cost
     astray = replace(there, slopes=Jacobian(-there.jacobian))
-    assert stepped(astray) is astray
+    assert gauss_newton_step(astray) is astray

@@ -14,13 +14,14 @@ from eitskin.data.recording import presses
 from eitskin.diagnose.fitting import fit as diagnose_fit
 from eitskin.diagnose.fitting.estimates import calibration, estimates
 from eitskin.diagnose.fitting.fit import (
-    ENOUGH,
+    OPTIMUM_TOLERANCE,
     Fit,
+    FitLimits,
     derivative,
     fit,
+    gauss_newton_step,
     inverse_root,
-    stepped,
-    whitened_anew,
+    rewhitened,
 )
 from eitskin.diagnose.fitting.held_out import FOLDS, folds, held_out
 from eitskin.diagnose.fitting.jacobian import Jacobian
@@ -57,7 +58,7 @@ def planted():
 def test_a_fit_finds_what_was_planted(planted):
     problem, effects = planted
     found = fit(problem, effects, np.zeros(1 + 3), polish=True)
-    assert found.chi2 < ENOUGH
+    assert found.chi2 < OPTIMUM_TOLERANCE
     values = [s.values[next(iter(s.values))] for s in found.settings()]
     assert np.allclose([np.ravel(v)[0] for v in values], [1.6, 1.1, 1.02], rtol=1e-3)
     assert np.isclose(calibration(found)["conductivity_S_per_m"]["value"], 0.5, rtol=1e-3)
@@ -69,8 +70,8 @@ def test_intervals_cover_what_was_planted(planted):
     draw = np.random.default_rng(5)
     truth, covered = [1.6, 1.1, 1.02], np.zeros((DRAWS, 3), bool)
     for k in range(DRAWS):
-        noise = problem.whitening.sd * draw.normal(size=problem.recorded.shape)
-        noisy = replace(problem, recorded=problem.recorded + noise)
+        noise = problem.whitening.sd * draw.normal(size=problem.readings.shape)
+        noisy = replace(problem, readings=problem.readings + noise)
         found = fit(noisy, effects, start.theta, start.jacobian)
         assert abs(found.chi2 - noise.size) < 6 * np.sqrt(2 * noise.size)
         for i, value in enumerate(truth):
@@ -84,15 +85,15 @@ def test_intervals_cover_what_was_planted(planted):
 def test_a_fit_that_cannot_be_good_enough_is_given_up(planted):
     problem, _ = planted
     here = problem.residual(np.zeros(1), [])
-    found = fit(problem, [], np.zeros(1), enough=0.0)
+    found = fit(problem, [], np.zeros(1), limits=FitLimits(0.0))
     assert found.chi2 == (here**2).sum()
 
 
 def test_a_fit_that_its_rounds_alone_end_says_so(planted, monkeypatch):
     problem, effects = planted
-    assert fit(problem, effects, np.zeros(4)).ended
-    monkeypatch.setattr(diagnose_fit, "MOST_ROUNDS", 1)
-    assert not fit(problem, effects, np.zeros(4)).ended
+    assert fit(problem, effects, np.zeros(4)).converged
+    monkeypatch.setattr(diagnose_fit, "MAX_ITERATIONS", 1)
+    assert not fit(problem, effects, np.zeros(4)).converged
 
 
 def test_a_step_that_promises_little_is_not_taken(planted):
@@ -100,24 +101,24 @@ def test_a_step_that_promises_little_is_not_taken(planted):
     start = fit(problem, effects, np.zeros(4), polish=True)
     moved = problem.residual(start.theta + 1e-3, effects)
     near = Fit(problem, effects, start.theta + 1e-3, moved, start.slopes)
-    promised = near.cost - stepped(near).cost
-    assert promised > 0.0 and stepped(near, 0.5 * promised) is not near
-    assert stepped(near, 2.0 * promised) is near
+    promised = near.cost - gauss_newton_step(near).cost
+    assert promised > 0.0 and gauss_newton_step(near, 0.5 * promised) is not near
+    assert gauss_newton_step(near, 2.0 * promised) is near
 
 
 def test_a_fit_is_itself_in_its_own_covariance(planted):
     problem, effects = planted
     found = fit(problem, effects, np.zeros(4))
-    assert whitened_anew(found, replace(problem)) is found
+    assert rewhitened(found, replace(problem)) is found
     other = replace(problem, whitening=replace(problem.whitening))
-    assert whitened_anew(found, other) is not found
+    assert rewhitened(found, other) is not found
 
 
 def test_intervals_are_those_of_the_covariance(planted):
     problem, effects = planted
     found = fit(problem, effects, np.zeros(4), polish=True)
     spread = np.sqrt(np.diag(found.covariance)[1:])
-    scale = [c.scales.of(next(iter(c.effect.parameters.values()))) for c in effects]
+    scale = [c.scales.typical_change(next(iter(c.effect.parameters.values()))) for c in effects]
     for i, candidate in enumerate(effects):
         (estimate,) = estimates(found, i).values()
         half = NORMAL_90 * scale[i] * spread[i]
@@ -207,10 +208,10 @@ def test_held_out_frames_are_those_of_refits(seed):
         covariance = np.eye(5) + own.T @ np.linalg.solve(information, own)
         _, log_size = np.linalg.slogdet(covariance)
         density[row] = -0.5 * (error @ np.linalg.solve(covariance, error) + log_size)
-    assert np.allclose(by_formula.density, density)
-    assert by_formula.readings == 60
+    assert np.allclose(by_formula.log_density, density)
+    assert by_formula.reading_count == 60
     assert by_formula.rms == pytest.approx(3.0 * np.sqrt(by_formula.chi2.sum() / 60))
-    other = replace(by_formula, density=density - 1.0, error=by_formula.error + 0.5)
+    other = replace(by_formula, log_density=density - 1.0, error=by_formula.error + 0.5)
     assert by_formula.gain(other) == pytest.approx((12.0, 0.5 * np.sqrt(60)))
 
 
@@ -225,7 +226,7 @@ def test_what_a_fold_leaves_is_undone_from_its_own_refit():
     )
     found.problem.whitening = whitening
     lasting = Fit(found.problem, [], found.theta, whitening(found.residual), slopes)
-    plain = held_out(lasting, fold).plain
+    plain = held_out(lasting, fold).residual
     for one in range(3):
         seen = fold != one
         flat = slopes.full(seen).reshape(4, -1)
@@ -317,7 +318,7 @@ def test_jacobians_are_those_of_single_steps(name, beside):
     effects = [next(c for c in candidates if c.name == beside), dense]
     theta = 0.3 * np.random.default_rng(1).normal(size=1 + sum(c.size for c in effects))
     residual = problem.residual(theta, effects)
-    jacobian = fit(problem, effects, theta, enough=-np.inf).jacobian
+    jacobian = fit(problem, effects, theta, limits=FitLimits(-np.inf)).jacobian
     for i in (0, 1, 2, len(theta) // 2, len(theta) - 1):
         single = derivative(problem, theta, effects, residual, i)
         assert np.abs(jacobian[i] - single).max() < 1e-6 * np.abs(single).max()

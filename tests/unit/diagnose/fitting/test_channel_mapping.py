@@ -2,14 +2,13 @@
 any of them, what was found of drives, pairs and channels predicts its own."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from eitskin.data import recording
 from eitskin.data.recording import Recording
-from eitskin.diagnose.fitting.channel_mapping import carried, unknown
+from eitskin.diagnose.fitting.channel_mapping import mapped_setting, unmapped_channels
 from eitskin.diagnose.fitting.fit import fit
 from eitskin.diagnose.fitting.query import predict
 from eitskin.diagnose.verdict.record import read_query
@@ -32,7 +31,7 @@ SKIPPING = channel_table(8, "skip-2")
 
 
 def diagnosed(*items):
-    """What `predict` needs of a diagnosis that has found effects in a recording without noise."""
+    """A fit of effects to a recording without noise, and the recording."""
     recorded = small_recording(*items, noise=0.0, places=3)
     problem, scales = problem_of(recorded)
     known = candidates_of(recorded, problem, scales)
@@ -42,8 +41,7 @@ def diagnosed(*items):
         key = item["name"], kind, tuple(item[kind])
         effects.append(next(c for c in known if (c.name, c.kind, c.sites) == key))
     size = len(problem.model.calibrations) + sum(effect.size for effect in effects)
-    after = SimpleNamespace(fit=fit(problem, effects, np.zeros(size), polish=True))
-    return SimpleNamespace(recorded=recorded, after=after)
+    return fit(problem, effects, np.zeros(size), polish=True), recorded
 
 
 @pytest.fixture(scope="module")
@@ -72,9 +70,9 @@ def simulated(asked: Recording, *items) -> np.ndarray:
 
 
 def test_channels_in_another_order_and_some_of_them_are_predicted_the_same(gains, capsys):
-    voltage, sd = predict(gains, query(CHANNELS))
+    voltage, sd = predict(*gains, query(CHANNELS))
     some = np.random.default_rng(3).permutation(len(CHANNELS))[:25]
-    there, spread = predict(gains, query(CHANNELS[some]))
+    there, spread = predict(*gains, query(CHANNELS[some]))
     assert np.allclose(there, voltage[:, some], rtol=1e-12, atol=0.0)
     assert np.allclose(spread, sd[:, some], rtol=1e-6, atol=0.0)
     assert capsys.readouterr().err == ""
@@ -83,7 +81,7 @@ def test_channels_in_another_order_and_some_of_them_are_predicted_the_same(gains
 @pytest.mark.parametrize("drive", ["skip-2", "opposite"])
 def test_other_drives_read_what_the_skin_does(contact, drive, capsys):
     asked = query(every_channel(8, drive, "skip-1"))
-    voltage, _ = predict(contact, asked)
+    voltage, _ = predict(*contact, asked)
     expected, without = simulated(asked, CONTACT), simulated(asked)
     assert np.abs(without - expected).max() > 1e-2 * np.abs(expected).max()
     assert np.abs(voltage - expected).max() < 0.05 * np.abs(without - expected).max()
@@ -92,28 +90,28 @@ def test_other_drives_read_what_the_skin_does(contact, drive, capsys):
 
 def test_a_drive_across_others_is_their_sum(contact):
     """By charge conservation, at driven electrodes too."""
-    adjacent, _ = predict(contact, query(EVERYWHERE))
-    across, _ = predict(contact, query(every_channel(8, "skip-2", "adjacent")))
+    adjacent, _ = predict(*contact, query(EVERYWHERE))
+    across, _ = predict(*contact, query(every_channel(8, "skip-2", "adjacent")))
     by_drive = adjacent.reshape(-1, 8, 8)
     summed = sum(np.roll(by_drive, -step, axis=1) for step in range(3))
     assert np.abs(across.reshape(summed.shape) - summed).max() < 1e-12 * np.abs(summed).max()
 
 
 def test_a_new_pair_is_reciprocal(contact):
-    ahead, sd = predict(contact, query(SKIPPING))
-    back, turned = predict(contact, query(SKIPPING[:, [2, 3, 0, 1]]))
+    ahead, sd = predict(*contact, query(SKIPPING))
+    back, turned = predict(*contact, query(SKIPPING[:, [2, 3, 0, 1]]))
     assert np.abs(ahead - back).max() < 1e-12 * np.abs(ahead).max()
     assert np.allclose(sd, turned, rtol=1e-6)
 
 
 def test_a_gain_stays_at_its_pair_and_is_not_taken_to_a_new_drive(gains, capsys):
     channels = np.concatenate([CHANNELS[5:9], SKIPPING])
-    voltage, sd = predict(gains, query(channels))
+    voltage, sd = predict(*gains, query(channels))
     said = capsys.readouterr().err
     assert "drive-gain: 32 channels (4: drive 0-3, measured 1-2, " in said
     assert "the recording has no such drive; std_V has its spread" in said and said.count("\n") == 1
     of_pair = simulated(query(channels), CONTACT, PAIRS)[:, 4:]
-    own, own_sd = predict(gains, query(CHANNELS[5:9]))
+    own, own_sd = predict(*gains, query(CHANNELS[5:9]))
     assert np.allclose(voltage[:, :4], own, rtol=1e-12) and np.allclose(sd[:, :4], own_sd)
     assert np.abs(voltage[:, 4:] - of_pair).max() < 1e-4 * np.abs(of_pair).max()
     spread = 0.1 / np.sqrt(8) * np.abs(of_pair)
@@ -122,10 +120,10 @@ def test_a_gain_stays_at_its_pair_and_is_not_taken_to_a_new_drive(gains, capsys)
 
 def test_settings_of_the_same_channels_and_of_electrodes_stay_as_they_are():
     (contact, drive) = settings([CONTACT, DRIVE], site_counts(CHANNELS), (0, 0))
-    assert carried(drive, CHANNELS, CHANNELS.copy()) is drive
-    assert carried(contact, CHANNELS, SKIPPING) is contact
-    assert not len(unknown(contact, CHANNELS, SKIPPING))
-    assert np.array_equal(unknown(drive, CHANNELS, SKIPPING), np.arange(len(SKIPPING)))
+    assert mapped_setting(drive, CHANNELS, CHANNELS.copy()) is drive
+    assert mapped_setting(contact, CHANNELS, SKIPPING) is contact
+    assert not len(unmapped_channels(contact, CHANNELS, SKIPPING))
+    assert np.array_equal(unmapped_channels(drive, CHANNELS, SKIPPING), np.arange(len(SKIPPING)))
 
 
 @pytest.mark.parametrize("count", [4, 16])
@@ -134,10 +132,10 @@ def test_a_query_of_a_skin_with_other_electrodes_is_refused(contact, count, tmp_
     asked = query(channel_table(count), replace(SKIN, electrode_deg=angles))
     recording.write(asked, tmp_path / "query.parquet")
     with pytest.raises(InputError, match=rf"found {count} electrodes, expected the recording's 8"):
-        read_query(tmp_path / "query.parquet", contact.recorded)
+        read_query(tmp_path / "query.parquet", contact[1])
 
 
 def test_a_query_by_few_electrodes_of_unknown_place_is_read(contact, tmp_path):
     asked = query(np.array([[0, 1, 2, 3]]), replace(SKIN, electrode_deg=None))
     recording.write(asked, tmp_path / "query.parquet")
-    assert len(read_query(tmp_path / "query.parquet", contact.recorded).channels) == 1
+    assert len(read_query(tmp_path / "query.parquet", contact[1]).channels) == 1

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from eitskin.data.recording import presses
-from eitskin.diagnose import diagnosis
 from eitskin.diagnose.fitting.excerpt import excerpt
 from eitskin.diagnose.search import staging
 from small_skin import problem_of, small_recording
@@ -64,6 +63,6 @@ def test_noise_lasts_by_the_numbers_of_the_frames():
     assert (np.diff(problem.whitening.frame_number) > 1).any()
     _, search, _ = staging.prepared(once, 1)
     fewer = excerpt(once, 12)
-    few = diagnosis._on_frames(search, once, fewer, 1, print, 1.0).problem.whitening
-    assert np.array_equal(few.clock, excerpt(once, 12).frames["frame"])
-    assert few.mask.shape[0] == len(few.clock) < len(problem.whitening.frame_number)
+    few = staging._on_frames(search, once, fewer, 1, 1.0).problem.whitening
+    assert np.array_equal(few.frame_number, excerpt(once, 12).frames["frame"])
+    assert few.mask.shape[0] == len(few.frame_number) < len(problem.whitening.frame_number)
