@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from eitskin.effects.identity import Identity
 from eitskin.physics.force_history import ForceHistory
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.skin import Skin
@@ -70,7 +71,8 @@ class Effect:
     the values from which their fits start; either: parameters that are laws of their own, of which
     a diagnosis names one; tone: whether it is a steady tone, whose `frequency_Hz` a periodogram
     finds; disc: whether it multiplies the conductivity by `contrast` within a disc at `x_mm`,
-    `y_mm` of `radius_mm`; body: whether it makes a body of the sheet, which takes far more memory.
+    `y_mm` of `radius_mm`; body: whether it makes a body of the sheet, which takes far more memory;
+    identities: other causes of the same readings, which a diagnosis names beside it.
     """
 
     name: str
@@ -97,6 +99,7 @@ class Effect:
     tone = False
     disc = False
     body = False
+    identities: tuple[Identity, ...] = ()
 
     def neutral(self, key: str, skin: Skin) -> float | None:
         """A parameter's value at which the effect does nothing to `skin`, None: there is none."""

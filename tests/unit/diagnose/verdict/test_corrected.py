@@ -28,7 +28,7 @@ from small_skin import (
     small_recording,
 )
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[4]
 SCHEMA = ROOT / "workflow" / "schemas" / "config.schema.yaml"
 
 

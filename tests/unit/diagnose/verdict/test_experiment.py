@@ -222,7 +222,7 @@ def test_noise_lasts_over_new_frames_by_their_numbers():
     rows, last = np.array([0, 3, 4, 9]), len(taken.frames) - 1
     run = experiment._Run(taken, problem.model, rows)
     covariance = run.recipe(None, problem.whitening, 2).whitening
-    assert covariance.clock.tolist() == [*rows, last + 1, last + 2]
+    assert covariance.frame_number.tolist() == [*rows, last + 1, last + 2]
     ones = np.ones(covariance.mask.shape)
     assert covariance(ones).shape == ones.shape
 

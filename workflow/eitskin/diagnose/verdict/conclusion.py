@@ -158,7 +158,7 @@ def _entry(diagnosis: Diagnosis, index: int, p_value: float) -> dict:
         entry[candidate.kind] = [int(site) for site in candidate.own_sites]
     sentences = [
         words.finding(entry, EFFECTS[candidate.name]),
-        *identities.readings(diagnosis.search, after, index, alternatives),
+        *identities.sentences(diagnosis.search, after, index, alternatives),
     ]
     entry["sentence"] = " ".join(sentences)
     return entry

@@ -19,7 +19,7 @@ from eitskin.diagnose.search.refits import linearised, reduced
 from eitskin.diagnose.search.refits import rough as rough_problem
 from eitskin.diagnose.search.screen import explained, sparse
 from eitskin.diagnose.search.search import Search
-from eitskin.diagnose.verdict.identities import TWO_SIDED, declared
+from eitskin.diagnose.verdict.identities import is_two_sided, other_sides
 from eitskin.errors import InputError
 
 CLOSE = 6.0  # a linear gap, times this, under which the rival is fitted on the nonlinear model
@@ -66,7 +66,7 @@ def gaps(
     for rank, (name, (gap, candidate)) in enumerate(ranked):
         strong = snr > 20.0 and gap > 0.2 * snr and rank > 2
         worth = rank < MOST_FITTED and gap < within and not strong
-        worth = worth or (not DISTINCT.admits(gap) and name in TWO_SIDED)
+        worth = worth or (not DISTINCT.admits(gap) and is_two_sided(name))
         fitted = None
         if worth and candidate.size and not search.spent:
             fitted = _fitted(target, tangents, less.effects, candidate)
@@ -92,8 +92,8 @@ def _declare(
 ) -> None:
     """Puts the other sides of an effect's identities among the nearest names; gap: the effect's own
     to what was found, beyond which they may be."""
-    for identity, side in declared(search, state, index):
-        for name in identity.instead:
+    for identity, side in other_sides(search, state, index):
+        for name in identity.names:
             nearest[name] = min(max(gap, side.gap), nearest.get(name, np.inf))
 
 
@@ -101,7 +101,7 @@ def _declare_rival(
     nearest: dict[str, float], search: Search, state: Explanation, fitted: Fit, gap: float
 ) -> None:
     """The same of a rival, the last effect of its fit, that could be what was found."""
-    if not DISTINCT.admits(gap) and fitted.effects[-1].name in TWO_SIDED:
+    if not DISTINCT.admits(gap) and is_two_sided(fitted.effects[-1].name):
         trial = replace(state, fit=fitted)
         _declare(nearest, search, trial, len(fitted.effects) - 1, gap)
 
