@@ -16,7 +16,7 @@ from scipy.stats import chi2
 
 from eitskin.data import recording
 from eitskin.data.recording import Recording, frames_table
-from eitskin.diagnose.verdict.words import finding
+from eitskin.diagnose.verdict.words import effect_sentence
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import SITES
 from eitskin.effects.settings import settings, site_counts
@@ -159,7 +159,7 @@ def with_rig(folder: Path) -> None:
     said = json.loads(path.read_text(encoding="utf-8")) | {"noise": RIG}
     for effect in said["effects"]:
         effect["certain"] = False
-        effect["sentence"] = finding(effect, EFFECTS[effect["name"]])
+        effect["sentence"] = effect_sentence(effect, EFFECTS[effect["name"]])
         said["verdict"] = "partly-explained"
     fit = said["fit"]["held_out"]
     for key in ("before", "after"):

@@ -25,7 +25,7 @@ from diagnosed_skin import (
 from eitskin import plotting
 from eitskin.diagnose.report import evidence, figures, page
 from eitskin.diagnose.verdict import rig_words
-from eitskin.diagnose.verdict.conclusion import OF_A_PART
+from eitskin.diagnose.verdict.conclusion import PART_KEYS
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
 from eitskin.quantities import MINUS
@@ -150,7 +150,7 @@ def rig(tmp_path_factory):
 
 def test_the_rig_is_told_where_it_was_found(written, rig):
     text = Page((rig / "report.html").read_text(encoding="utf-8")).text
-    for sentence in rig_words.findings(RIG):
+    for sentence in rig_words.noise_sentences(RIG):
         assert re.sub(r"\s", " ", sentence) in text
     assert "gain-walk0.200 (90 %: 0.160 to 0.250) %the recording" in text
     assert "force-per-press2 %assumed" in text
@@ -419,7 +419,7 @@ def test_the_part_that_the_report_is_of_is_the_one_that_is_told(tmp_path, marked
     folder, _ = diagnosed(tmp_path, "consistent")
 
     def change(diagnosis):
-        own = {key: diagnosis[key] for key in OF_A_PART}
+        own = {key: diagnosis[key] for key in PART_KEYS}
         told = {"frames": [0, 60], **own, **({"told": True} if marked else {})}
         step = {"frame": 61, "sentences": ["All is other."], "difference": {}}
         diagnosis |= {"parts": [told, {"frames": [61, 200], **own}], "steps": [step]}

@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 
 from eitskin.diagnose.report.evidence import Evidence
 from eitskin.diagnose.search.gates import DISTINCT, NOTHING_UNNAMED
-from eitskin.diagnose.verdict.words import certain, sites, where
+from eitskin.diagnose.verdict.words import is_certain, place_text, sites_text
 from eitskin.effects import EFFECTS
 from eitskin.physics.geometry import even_angles
 from eitskin.plotting import (
@@ -120,12 +120,12 @@ def _numbered(diagnosis: dict) -> tuple[list[tuple[int | str, dict]], list[str]]
     effects: list[tuple[int | str, dict]] = list(enumerate(diagnosis["effects"], start=1))
     other = diagnosis["other"]
     told = [
-        f"{k}  {'' if certain(effect) else 'perhaps '}{effect['name']}: {where(effect)}"
+        f"{k}  {'' if is_certain(effect) else 'perhaps '}{effect['name']}: {place_text(effect)}"
         for k, effect in effects
     ]
     if not NOTHING_UNNAMED.admits(other["probability"]):
         effects.append(("?", other | {"channels": []}))
-        told.append(f"?  no name: {sites(other) or 'no single site'}")
+        told.append(f"?  no name: {sites_text(other) or 'no single site'}")
     fold = textwrap.TextWrapper(LABEL, subsequent_indent="     ", break_on_hyphens=False)
     return effects, [line for text in told for line in fold.wrap(text)]
 

@@ -19,20 +19,20 @@ from eitskin.diagnose.search.gates import CLEARLY_DISTINCT, DISTINCT, NOTHING_UN
 from eitskin.diagnose.search.journal import CUT_SHORT, START
 from eitskin.diagnose.verdict import rig_words
 from eitskin.diagnose.verdict.words import (
-    ABOUT,
+    APPROXIMATELY,
     NATS,
     UNITS,
-    certain,
-    confused,
+    alternatives_sentence,
+    bound_sentences,
+    frame_range,
     headline,
-    mend,
-    of_parts,
-    pinned,
-    sites,
-    spread,
-    stretch,
-    valued,
-    where,
+    is_certain,
+    part_sentences,
+    place_text,
+    range_text,
+    repair_advice,
+    sites_text,
+    value_texts,
 )
 from eitskin.effects.effect import SITES
 from eitskin.quantities import (
@@ -267,7 +267,9 @@ def _answer(found: Evidence, changes: list[str]) -> str:
     for k, effect in enumerate(diagnosis["effects"]):
         change = _changed(k, changes[k], found) if any(changes[k : k + 1]) else ""
         parts.append(_effect(k + 1, effect, found, change))
-    parts += [f"<p>{escape(sentence)}</p>" for sentence in pinned(diagnosis["calibration"])]
+    parts += [
+        f"<p>{escape(sentence)}</p>" for sentence in bound_sentences(diagnosis["calibration"])
+    ]
     if diagnosis["effects"]:
         parts.append(
             "<p class='quiet'>Electrodes and channels are numbered from 0; brackets hold 90 %"
@@ -282,10 +284,10 @@ def _answer(found: Evidence, changes: list[str]) -> str:
 def _apart(found: Evidence) -> str:
     """Of a recording with steps: which part the report is of, what was found of all of them, and
     what each step changed."""
-    told = of_parts(found.diagnosis)
+    told = part_sentences(found.diagnosis)
     if not told:
         return ""
-    of = [f"{stretch(part['frames'])}, " for part in found.diagnosis["parts"] if "told" in part]
+    of = [f"{frame_range(part['frames'])}, " for part in found.diagnosis["parts"] if "told" in part]
     lines = [
         "<h2>Before and after each step</h2>",
         "<p>The readings step, so that this recording is of more than one state of skin and rig."
@@ -313,16 +315,16 @@ def _changed(k: int, drawn: str, found: Evidence) -> str:
 
 def _effect(k: int, effect: dict, found: Evidence, change: str) -> str:
     lines = [f"<p>{k}. {_kept(effect['sentence'])}</p>"]
-    place = where(effect)
+    place = place_text(effect)
     varies = "static" if effect["driver"] == "static" else f"varies with {effect['driver']}"
     named = f"<code>{escape(effect['name'])}</code>"
-    sure = certain(effect)
+    sure = is_certain(effect)
     head = f"{named}{'' if sure else ', a candidate'}, {escape(place)}, {escape(varies)}"
     told = effect["parameters"] | effect.get("amounts", {})
     values = [_parameter(key, each, effect) for key, each in told.items()]
     lines.append(f"<p>{'; '.join([head, *values])}.</p>")
     bench = "At the bench" if sure else "At the bench, to try"
-    lines.append(f"<p>{bench}: {escape(mend(effect, found.channels))}</p>")
+    lines.append(f"<p>{bench}: {escape(repair_advice(effect, found.channels))}</p>")
     evidence_ = effect["evidence"]
     error = float(f"{evidence_['elpd_se']:.2g}")
     gain = f"gains {number(evidence_['elpd_gain'])} ± {number(error, 2)} nats"
@@ -333,7 +335,7 @@ def _effect(k: int, effect: dict, found: Evidence, change: str) -> str:
     chance_ = chance(evidence_["p_value"])
     lines.append(f"<p>{_kept(f'{text}; p = {chance_}.')}</p>")
     if effect["alternatives"]:
-        lines.append(f"<p>{escape(confused(effect))}</p>")
+        lines.append(f"<p>{escape(alternatives_sentence(effect))}</p>")
     elif effect["gap"] is not None:
         gap = number(effect["gap"])
         lines.append(f"<p>The gap to the nearest other name is {gap} in noise units.</p>")
@@ -347,21 +349,21 @@ def _effect(k: int, effect: dict, found: Evidence, change: str) -> str:
 def _parameter(name: str, estimate: dict, effect: dict) -> str:
     """One parameter with its interval; of a list, its range and, where values are told apart, where
     it is farthest out."""
-    label, texts = f"<code>{escape(name)}</code>", valued(estimate)
+    label, texts = f"<code>{escape(name)}</code>", value_texts(estimate)
     if not isinstance(estimate["value"], list):
         return f"{label} = {_kept(texts[0])}"
     value = np.array(estimate["value"])
     kind = next(kind for kind in SITES if effect[kind])
     if len(value) <= 4:
         each = [
-            f"{text} at {sites({kind: [site]})}"
+            f"{text} at {sites_text({kind: [site]})}"
             for site, text in zip(effect[kind], texts, strict=True)
         ]
         return f"{label} = {_kept(listed(each))}"
-    text = spread(estimate, texts)
-    if not text.startswith(ABOUT):
+    text = range_text(estimate, texts)
+    if not text.startswith(APPROXIMATELY):
         far = int(np.argmax(np.abs(value - np.median(value))))
-        text = f"{text}, farthest out at {sites({kind: [effect[kind][far]]})}"
+        text = f"{text}, farthest out at {sites_text({kind: [effect[kind][far]]})}"
     return f"{label} {_kept(text)}"
 
 
@@ -462,7 +464,7 @@ def _rig(found: Evidence) -> str:
     noise = found.diagnosis.get("noise")
     if noise is None:
         return ""
-    told = rig_words.findings(noise) or ["The recording shows no error of the rig."]
+    told = rig_words.noise_sentences(noise) or ["The recording shows no error of the rig."]
     lines = ["<h2>The rig</h2>", *(f"<p>{_kept(sentence)}</p>" for sentence in told)]
     if found.diagnosis["verdict"] in ("partly-explained", "unexplained"):
         lines.append("<p>Part of what the simulation leaves out may count as the rig's here.</p>")
@@ -473,7 +475,7 @@ def _rig(found: Evidence) -> str:
     rows = [
         [
             f"<code>{escape(component['name'])}</code>",
-            _kept(rig_words.size(component)),
+            _kept(rig_words.size_text(component)),
             "the recording" if component["learned"] else "assumed",
         ]
         for component in noise["components"]
@@ -492,7 +494,7 @@ def _other(found: Evidence) -> str:
     if other["sentence"]:
         lines.append(f"<p>{escape(other['sentence'])}</p>")
     facts = {
-        "where": sites(other),
+        "where": sites_text(other),
         "varies with": other["driver"] if other["driver"] != "static" else "nothing (static)",
         "law": other["law"],
     }
@@ -594,7 +596,7 @@ def _atlas(found: Evidence) -> str:
 def _calibration(found: Evidence) -> str:
     head = "<h2>Calibrated values</h2>"
     rows = [
-        [f"<code>{escape(name)}</code>", _kept("; ".join(valued(each)))]
+        [f"<code>{escape(name)}</code>", _kept("; ".join(value_texts(each)))]
         for name, each in found.diagnosis["calibration"].items()
     ]
     if not rows:
