@@ -17,6 +17,7 @@ from eitskin.diagnose.verdict import corrected
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table
+from eitskin.simulate.twin import Twin
 from eitskin.simulate.twin import write as write_twin
 from small_skin import (
     CHANNELS,
@@ -98,7 +99,7 @@ def test_the_twin_reads_as_the_fit_does(tmp_path):
     config = accepted(text, tmp_path)
     small = {"touch_grid": {"radii": 1, "angles": 3, "inner": 0.5, "outer": 0.5}}
     small["press"] = config["twin"]["press"] | {"probes_mm": [8.0], "sessions_per_probe": 1}
-    write_twin(tmp_path / "twin.parquet", **(config["twin"] | small | {"noise": 0.0}))
+    write_twin(tmp_path / "twin.parquet", Twin(**(config["twin"] | small | {"noise": 0.0})))
     twin = recording.read(tmp_path / "twin.parquet")
     model = RecordingSimulator(recorded, twin)
     knobs, settings = problem.split(found.theta, found.effects)
