@@ -19,7 +19,7 @@ from eitskin.data import recording
 from eitskin.data.recording import Recording, frames_table
 from eitskin.diagnose.search import gates
 from eitskin.diagnose.search.journal import Decision, Journal
-from eitskin.diagnose.verdict.words import finding
+from eitskin.diagnose.verdict.words import effect_sentence
 from eitskin.effects import EFFECTS, catalogue_names
 from eitskin.effects.effect import SITES
 from eitskin.effects.settings import settings, site_counts
@@ -164,7 +164,7 @@ def with_rig(folder: Path) -> None:
     said = json.loads(path.read_text(encoding="utf-8")) | {"noise": RIG}
     for effect in said["effects"]:
         effect["certain"] = False
-        effect["sentence"] = finding(effect, EFFECTS[effect["name"]])
+        effect["sentence"] = effect_sentence(effect, EFFECTS[effect["name"]])
         said["verdict"] = "partly-explained"
     fit = said["fit"]["held_out"]
     for key in ("before", "after"):

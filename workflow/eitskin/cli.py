@@ -432,9 +432,11 @@ def _diagnose(arguments: argparse.Namespace) -> int:
         files.write(answered, folder, SCHEMA, arguments.query)
         document = answered.document
         if not arguments.json:
-            for head, sentences in words.of_parts(document) or [("", words.told(document))]:
+            for head, sentences in words.part_sentences(document) or [
+                ("", words.sentences(document))
+            ]:
                 _say("\n".join([f"{head}:", *sentences] if head else sentences))
-            for sentence in words.pinned(document["calibration"]):
+            for sentence in words.bound_sentences(document["calibration"]):
                 _say(sentence)
             sys.stdout.flush()
         page.write(folder, source, SCHEMA, report, None if arguments.query is None else predicted)

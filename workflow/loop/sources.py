@@ -97,7 +97,7 @@ def belief(recorded: Recording) -> Simulator:
     noise = estimate_noise(recording_excerpt)
     problem, _ = problem_of(recording_excerpt, noise)
     fitted = fit(problem, [], np.zeros(len(problem.model.calibrations)), polish=True)
-    twin = corrected.corrected(fitted, recording_excerpt, noise.sd, "belief")["twin"]
+    twin = corrected.configuration(fitted, recording_excerpt, noise.sd, "belief")["twin"]
     factor = problem.model.calibration_values(fitted.theta).get("factor", 1.0)
     return Simulator(Skin.from_metadata(twin["skin"]), [], factor)
 

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from eitskin.atomic import atomic_path
 from eitskin.diagnose.fitting.candidates import Candidate, Scales
 from eitskin.diagnose.report.figures import draw_change_matrix, draw_scale
-from eitskin.diagnose.verdict.words import sites
+from eitskin.diagnose.verdict.words import sites_text
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import Effect, LeakEffect, Setting
 from eitskin.errors import InputError
@@ -138,7 +138,7 @@ def _drawn_frame(effect: Effect, change: np.ndarray) -> int:
 
 def _values_text(setting: Setting) -> str:
     """The site and values of an effect in brackets, empty without any."""
-    parts = [] if setting.sites is None else [sites({setting.kind: setting.sites.tolist()})]
+    parts = [] if setting.sites is None else [sites_text({setting.kind: setting.sites.tolist()})]
     parts += [
         f"`{key}` = {quantity(float(np.ravel(value)[0]), setting.effect.parameters[key].unit)}"
         for key, value in setting.values.items()

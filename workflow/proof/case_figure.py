@@ -18,7 +18,7 @@ from eitskin.diagnose.report.figures import (
     draw_residual_scale,
     electrode_layout,
 )
-from eitskin.diagnose.verdict.words import where
+from eitskin.diagnose.verdict.words import place_text
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import SITES
 from eitskin.plotting import AFTER, BEFORE, CULPRIT, MARKERS, QUIET, log_limits, style
@@ -58,7 +58,7 @@ def errors(
 def truth_words(effect: dict) -> str:
     """A true effect in words: name, place, values; of a single value with a unit no more."""
     name, parameters = effect["name"], EFFECTS[effect["name"]].parameters
-    place = where({"name": name, **{kind: effect.get(kind, []) for kind in SITES}})
+    place = place_text({"name": name, **{kind: effect.get(kind, []) for kind in SITES}})
     true = {k: v for k, v in effect.get("parameters", {}).items() if v is not None}
     words = []
     for key, values in true.items():

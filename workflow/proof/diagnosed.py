@@ -3,7 +3,7 @@
 import numpy as np
 
 from eitskin.data.recording import Recording
-from eitskin.diagnose.verdict.words import certain
+from eitskin.diagnose.verdict.words import is_certain
 
 
 def row(diagnosis: dict, recorded: Recording) -> dict:
@@ -15,7 +15,7 @@ def row(diagnosis: dict, recorded: Recording) -> dict:
     return {
         "recording": diagnosis["recording"],
         "verdict": diagnosis["verdict"],
-        "said": "; ".join(e["name"] + ("" if certain(e) else "?") for e in effects),
+        "said": "; ".join(e["name"] + ("" if is_certain(e) else "?") for e in effects),
         "alternatives": "; ".join(", ".join(e["alternatives"]) or "none" for e in effects),
         "before": held_out["rms_before_V"] / size,
         "after": held_out["rms_after_V"] / size,

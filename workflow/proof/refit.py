@@ -123,8 +123,8 @@ def missing(diagnosis: Diagnosis, case: Case) -> float:
     """`snr_left` of a case beyond what a diagnosis named, both where its touches truly were: that
     a rig has them elsewhere is no physics left out."""
     query = Recording(case.true_states, None, None, None, dict(case.metadata))
-    simulated, _ = predict(diagnosis.after.fit, diagnosis.recording, query)
-    return snr_left(diagnosis.after.fit, simulated, case.clean)
+    simulated, _ = predict(diagnosis.explanation.fit, diagnosis.recording, query)
+    return snr_left(diagnosis.explanation.fit, simulated, case.clean)
 
 
 def snr_left(fitted: Fit, simulated: np.ndarray, clean: np.ndarray) -> float:
@@ -139,7 +139,7 @@ def true_gaps(diagnosis: Diagnosis, truth: list[dict], scopes: list[str]) -> Gap
     """Gaps of each true effect to the other names, the nearest first, with the true set fitted;
     None where it cannot be fitted. Nothing of the diagnosis depends on it, nor does it end where
     that was cut short; but gaps are those of the linearised model then."""
-    states = diagnosis.before, diagnosis.after
+    states = diagnosis.baseline, diagnosis.explanation
     return _gaps_of_set(diagnosis.search, states, diagnosis.gaps, truth, scopes)
 
 

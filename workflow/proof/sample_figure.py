@@ -33,8 +33,8 @@ def write(folder: Path, out: Path) -> None:
         files.write(record(diagnosed, "sample"), verdict, SCHEMA)
         shown = evidence.read(Path(verdict), path, SCHEMA)
     predictions = {
-        "before": predict(diagnosed.before.fit, diagnosed.recording, query)[0],
-        "after": predict(diagnosed.after.fit, diagnosed.recording, query)[0],
+        "before": predict(diagnosed.baseline.fit, diagnosed.recording, query)[0],
+        "after": predict(diagnosed.explanation.fit, diagnosed.recording, query)[0],
     }
     truth = json.loads((folder / "truth.json").read_text("utf-8"))
     clean, noise = (np.array(truth[key]) for key in ("query_voltage_V", "noise_V"))

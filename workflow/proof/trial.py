@@ -38,11 +38,11 @@ def trial(kind: str, seed: int) -> dict:
     case: Case = draw(kind, seed)
     diagnosed, seconds = ledger.timed(partial(diagnosis.diagnose, case.recorded))
     query = Recording(case.query, None, None, None, dict(case.metadata))
-    voltage, sd = predict(diagnosed.after.fit, diagnosed.recording, query)
-    plain, _ = predict(diagnosed.before.fit, diagnosed.recording, query)
+    voltage, sd = predict(diagnosed.explanation.fit, diagnosed.recording, query)
+    plain, _ = predict(diagnosed.baseline.fit, diagnosed.recording, query)
     error = voltage - case.query_clean
     rmse = {"rmse_V": rms(error), "rmse_before_V": rms(plain - case.query_clean)}
-    misfit = case.voltage - as_reported(diagnosed.search, diagnosed.before.fit)
+    misfit = case.voltage - as_reported(diagnosed.search, diagnosed.baseline.fit)
     corrections = black_box.corrections(case.states, misfit, diagnosed.noise.sd, case.query, seed)
     for name, correction in corrections.items():
         rmse[f"rmse_{name}_V"] = rms(plain + correction - case.query_clean)
@@ -56,12 +56,12 @@ def trial(kind: str, seed: int) -> dict:
         "outside": case.outside,
         "rig": [{"kind": error.kind, "size": error.size} for error in case.rig],
         "rig_sizes": rig_sizes.compared(
-            case, diagnosed.search.problem.whitening.mask, diagnosed.noise, diagnosed.after
+            case, diagnosed.search.problem.whitening.mask, diagnosed.noise, diagnosed.explanation
         ),
         "snr_left": refit.missing(diagnosed, case),
         "true_gaps": refit.true_gaps(diagnosed, case.effects, case.scopes),
         "said": conclusion.document(diagnosed, f"{kind} {seed}"),
-        "other_p": diagnosed.other.p_value,
+        "other_p": diagnosed.remainder.p_value,
         "hidden": {**rmse, **band_numbers(error, sd, case.noise_V)},
     }
 
@@ -118,8 +118,8 @@ def _compared(case: QueryCase) -> dict:
     start = time.perf_counter()
     try:
         diagnosed, seconds = ledger.timed(diagnose)
-        after, _ = predict(diagnosed.after.fit, diagnosed.recording, case.query)
-        plain, _ = predict(diagnosed.before.fit, diagnosed.recording, case.query)
+        after, _ = predict(diagnosed.explanation.fit, diagnosed.recording, case.query)
+        plain, _ = predict(diagnosed.baseline.fit, diagnosed.recording, case.query)
     except InputError as error:
         return {"seconds": time.perf_counter() - start, "refused": str(error)}
     return {

@@ -66,11 +66,11 @@ def test_a_size_that_might_be_anything_is_not_told(groups):
 @pytest.mark.long
 def test_a_source_against_ground_is_named_with_its_sizes_and_never_certain():
     found = diagnosis.diagnose(small_recording(*AGAINST_GROUND, noise=NOISE))
-    first, second = found.after.fit.settings()
-    assert [c.name for c in found.after.effects] == ["ground-return", "common-mode"]
+    first, second = found.explanation.fit.settings()
+    assert [c.name for c in found.explanation.effects] == ["ground-return", "common-mode"]
     assert first.values["siemens"] == pytest.approx(SIEMENS, rel=0.02)
     assert second.values["ratio"] == pytest.approx(RATIO, rel=0.02)
-    assert found.reserve.p_value(found.after.fit, found.noise.dof) == 0.0
+    assert found.reserve.p_value(found.explanation.fit, found.noise.dof) == 0.0
 
 
 def test_what_is_not_borne_out_leaves_nothing_of_its_noise(monkeypatch):
@@ -116,11 +116,11 @@ def test_the_real_hydrogel_skin_has_candidates_with_the_intervals_that_its_misfi
     """Its owner's simulation leaves 0.73 of |v|; of what is found nothing is certain."""
     recorded = importers.load(shared_data("hydrogel-skin/ohmc16.mat"))
     found = diagnosis.diagnose(of_frames(recorded, np.arange(len(recorded.frames)) < 120))
-    assert [c.name for c in found.after.effects] == ["ground-return", "common-mode"]
-    sd = np.sqrt(np.diag(found.after.fit.covariance))
-    assert 0.1 < sd[found.after.fit.coordinate_slice(0)][0] < SIZE.threshold
+    assert [c.name for c in found.explanation.effects] == ["ground-return", "common-mode"]
+    sd = np.sqrt(np.diag(found.explanation.fit.covariance))
+    assert 0.1 < sd[found.explanation.fit.coordinate_slice(0)][0] < SIZE.threshold
     before, after = (
         np.sqrt(np.nanmean((recorded.voltage[:120] - f.voltage()) ** 2))
-        for f in (found.before.fit, found.after.fit)
+        for f in (found.baseline.fit, found.explanation.fit)
     )
     assert after < 0.7 * before

@@ -39,7 +39,7 @@ from eitskin.diagnose.search.search import Cache, Search
 from eitskin.diagnose.search.starting_point import StartingPoint
 from eitskin.diagnose.verdict import conclusion, record
 from eitskin.diagnose.verdict.atlas import atlas
-from eitskin.diagnose.verdict.corrected import items
+from eitskin.diagnose.verdict.corrected import effect_items
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
 from proof.refit import true_gaps
@@ -132,7 +132,7 @@ def test_a_further_site_must_earn_what_an_effect_must(ratio, electrodes):
 
 def test_an_effect_gives_way_to_itself_at_further_sites_as_to_no_other(contact):
     _, found = contact
-    (effect,) = found.after.effects
+    (effect,) = found.explanation.effects
     more = replace(effect, sites=(3, 6, 7))
     lead = growth._further_sites(effect, more) + PLACE.threshold
     assert lead == 2 * EVIDENCE.threshold
@@ -156,7 +156,7 @@ def test_swapped_wires_are_found_beside_another_fault():
 def test_what_few_frames_showed_must_stand_on_all_of_them(contact):
     recorded, found = contact
     _, again, _ = staging.prepared(recorded, 1)
-    few = found.after
+    few = found.explanation
     again, _, after = growth.run(again, StartingPoint.from_explanation(few))
     assert [c.key for c in after.effects] == [c.key for c in few.effects]
     begun = [row for row in again.journal.steps if row["action"] == "start"]
@@ -179,10 +179,10 @@ def test_what_few_frames_showed_must_stand_on_all_of_them(contact):
 
 def test_the_best_of_the_rest_is_that_of_the_set_that_is_left(contact):
     _, found = contact
-    cache = replace(found.search.cache, best_refused=(found.after.key, 1.0))
-    again, before = replace(found.search, cache=cache), found.before
+    cache = replace(found.search.cache, best_refused=(found.explanation.key, 1.0))
+    again, before = replace(found.search, cache=cache), found.baseline
     least = min(s.p_value for s in proposals.scores(again, before))
-    assert proposals.refused_p_value(again, found.after) == 1.0
+    assert proposals.refused_p_value(again, found.explanation) == 1.0
     assert proposals.refused_p_value(again, before) == proposals.global_p(again, least) < 0.01
 
 
@@ -191,7 +191,7 @@ def test_a_search_on_few_frames_goes_on_with_all(monkeypatch):
     weak = {"name": "multiplexer-memory", "parameters": {"mu": 2e-4}}
     monkeypatch.setattr(staging, "FIRST_FRAMES", 11)
     found = diagnosis.diagnose(small_recording(CONTACT, weak, noise=NOISE))
-    assert [effect.name for effect in found.after.effects] == [
+    assert [effect.name for effect in found.explanation.effects] == [
         "contact-impedance",
         "multiplexer-memory",
     ]
@@ -232,7 +232,7 @@ def test_what_begins_on_a_few_frames_is_the_same_on_any_number_of_cores(contact,
 
 def test_the_recovered_effect_in_a_clean_simulation_has_the_same_atlas(contact):
     recorded, found = contact
-    clean = small_recording(*items(found.after.fit), noise=0.0, places=4)
+    clean = small_recording(*effect_items(found.explanation.fit), noise=0.0, places=4)
     draw = np.random.default_rng(9)
     sd = found.noise.sd
     again = replace(recorded, voltage=clean.voltage + sd * draw.normal(size=clean.voltage.shape))
@@ -245,7 +245,7 @@ def test_the_recovered_effect_in_a_clean_simulation_has_the_same_atlas(contact):
     tops = [[*zip(a["statistic"], a["site"], strict=True)][:5] for a in atlases]
     assert tops[0][0] == tops[1][0]
     assert len(set(tops[0]) & set(tops[1])) >= 3
-    after = found.atlas_after
+    after = found.atlas
     assert (after["q"] > 0.05).all() and (atlases[0]["q"] < 1e-6).sum() >= 5
 
 
@@ -328,7 +328,7 @@ def off_in_force(share, *effects):
 
 def test_trials_of_other_processes_are_of_this_search(contact, monkeypatch):
     found = contact[1]
-    held, state = fresh(found.search), found.before
+    held, state = fresh(found.search), found.baseline
     trials = proposals.trials(held, state, proposals.scores(held, state))
     assert len(trials) > 2
     for trial in trials:
@@ -348,7 +348,7 @@ def test_trials_of_other_processes_are_of_this_search(contact, monkeypatch):
 
 def test_what_trials_solve_counts_for_those_that_follow(contact, monkeypatch):
     found = contact[1]
-    held, state, near = found.search, found.before, found.search.problem.model.solved_skins
+    held, state, near = found.search, found.baseline, found.search.problem.model.near
     begun, seen = near.effort, []
     monkeypatch.setattr(refits, "PROCESSES", 2)
 
@@ -364,7 +364,7 @@ def test_what_trials_solve_counts_for_those_that_follow(contact, monkeypatch):
 
 def test_what_an_effect_leaves_is_fitted_once(contact, monkeypatch):
     found = contact[1]
-    held, state = fresh(found.search), found.after
+    held, state = fresh(found.search), found.explanation
     less = refits.reduced(held, state, 0)
     assert refits.reduced(held, state, 0).fit is less.fit
     other = replace(state, fit=replace(state.fit, theta=state.fit.theta + 0.01))
@@ -445,7 +445,9 @@ def test_a_broken_wire_is_no_name_where_the_readings_are_of_no_such_skin(monkeyp
     monkeypatch.setitem(vars(UNLIKE), "threshold", 1.1)
     monkeypatch.setitem(vars(GROSS_MISFIT), "threshold", 0.1)
     found = diagnosis.diagnose(recorded)
-    assert found.after.effects == [] and found.other.sentence.startswith("The readings are not")
+    assert found.explanation.effects == [] and found.remainder.sentence.startswith(
+        "The readings are not"
+    )
 
 
 @pytest.mark.parametrize("wrong", ["order", pytest.param("polarity", marks=pytest.mark.long)])
@@ -456,7 +458,7 @@ def test_readings_in_an_order_or_polarity_of_their_own_get_no_name(wrong):
     found = diagnosis.diagnose(recorded)
     said = conclusion.document(found, wrong)
     assert (said["verdict"], said["effects"]) == ("unexplained", [])
-    likeness = prediction.likeness(found.search, found.after)
+    likeness = prediction.likeness(found.search, found.explanation)
     assert abs(likeness) < 0.1 if wrong == "order" else likeness < -0.99
     assert "Order and polarity" in said["other"]["sentence"]
     assert "unlike" in {step["action"] for step in found.search.journal.steps}
@@ -655,7 +657,7 @@ def test_a_trial_whose_fit_did_not_end_is_told(contact, monkeypatch):
         return replace(trial, fit=replace(trial.fit, converged=False))
 
     monkeypatch.setattr(refits, "_fitted", unended)
-    proposals.trials(one, found.before, proposals.scores(one, found.before))
+    proposals.trials(one, found.baseline, proposals.scores(one, found.baseline))
     assert any("contact-impedance: its fit did not come to an end" in line for line in lines)
 
 
@@ -670,7 +672,7 @@ def free_gains(found):
 @pytest.mark.long
 def test_free_gains_lose_unless_they_are_there(contact):
     _, found = contact
-    assert free_gains(found).log_evidence < found.after.log_evidence - 10
+    assert free_gains(found).log_evidence < found.explanation.log_evidence - 10
     gain = 1 + 0.02 * np.random.default_rng(3).normal(size=len(CHANNELS))
     planted = {"name": "channel-gain", "parameters": {"gain": gain.tolist()}}
     recorded = small_recording(planted, noise=NOISE, places=5)
@@ -683,7 +685,7 @@ def test_free_gains_lose_unless_they_are_there(contact):
 
 def test_what_is_injected_is_what_was_planted(contact):
     recorded, found = contact
-    (item,) = items(found.after.fit)
+    (item,) = effect_items(found.explanation.fit)
     assert item["name"] == "contact-impedance" and item["electrodes"] == [3]
     corrected = voltage(recorded, [item])
     assert np.sqrt(np.mean((corrected - voltage(recorded, [CONTACT])) ** 2)) < 0.5 * np.median(
@@ -704,7 +706,7 @@ def test_a_search_that_has_spent_its_skins_ends_with_what_it_has(contact, monkey
 def test_what_a_search_cut_short_missed_has_its_gaps_all_the_same(contact, monkeypatch):
     monkeypatch.setattr(search, "MOST_SOLVED", 1)
     found = diagnosis.diagnose(contact[0])
-    assert found.after.effects == []
+    assert found.explanation.effects == []
     (listed,) = true_gaps(found, [CONTACT], ["sparse"])
     assert 0.0 < listed[0][1] == min(gap for _, gap in listed)
 
@@ -713,21 +715,21 @@ def test_a_query_beyond_the_physics_found_is_predicted_as_far_as_it_goes(capsys)
     law = {"name": "force-dependent-impedance", "electrodes": [2], "parameters": {"per_N": -0.09}}
     recorded = small_recording(law, noise=NOISE, places=4)
     found = diagnosis.diagnose(recorded)
-    assert [effect.name for effect in found.after.effects] == ["force-dependent-impedance"]
-    query.predict(found.after.fit, found.recording, recorded)
+    assert [effect.name for effect in found.explanation.effects] == ["force-dependent-impedance"]
+    query.predict(found.explanation.fit, found.recording, recorded)
     assert capsys.readouterr().err == ""
     force = (
         2.0 * recorded.frames["force_N"]
     )  # up to 16 N: from 11.1 N on its contact has less than 0
     twice = replace(recorded, frames=recorded.frames.assign(force_N=force))
-    predicted = query.predict(found.after.fit, found.recording, twice)
+    predicted = query.predict(found.explanation.fit, found.recording, twice)
     said = capsys.readouterr().err
     most = float(re.search(r"touches above (\S+) N are predicted as at \1 N", said)[1])
     assert 9.5 < most < 12.0
     capped = replace(recorded, frames=recorded.frames.assign(force_N=force.clip(upper=most)))
     assert "contact_impedivity_ohm_m2" in said
     for ours, theirs in zip(
-        predicted, query.predict(found.after.fit, found.recording, capped), strict=True
+        predicted, query.predict(found.explanation.fit, found.recording, capped), strict=True
     ):
         np.testing.assert_array_equal(ours, theirs)
 
@@ -735,7 +737,7 @@ def test_a_query_beyond_the_physics_found_is_predicted_as_far_as_it_goes(capsys)
 def test_what_comes_and_goes_again_ends_the_growth(contact, monkeypatch):
     """A further site may earn enough to come and too little to stay."""
     found = contact[1]
-    state, less = found.after, found.before
+    state, less = found.explanation, found.baseline
     rounds = []
 
     def added(_search, now):

@@ -151,12 +151,14 @@ def test_a_recording_that_grew_has_the_diagnosis_that_it_has_from_nothing(grown)
     actions = [(row["action"], row["effect"], row["sites"]) for row in found.search.journal.steps]
     assert actions == [("calibrate", "", ""), ("start", "contact-impedance", "3")]
     assert found.search.journal.steps[1]["p_value"] is None  # chance is asked after, on all frames
-    assert [c.key for c in found.after.effects] == [c.key for c in plain.after.effects]
-    assert found.after.log_evidence == pytest.approx(plain.after.log_evidence, abs=0.01)
-    (effect,) = found.after.effects
-    assert found.after.p_value(effect) == pytest.approx(plain.after.p_value(effect), rel=1e-6)
+    assert [c.key for c in found.explanation.effects] == [c.key for c in plain.explanation.effects]
+    assert found.explanation.log_evidence == pytest.approx(plain.explanation.log_evidence, abs=0.01)
+    (effect,) = found.explanation.effects
+    assert found.explanation.p_value(effect) == pytest.approx(
+        plain.explanation.p_value(effect), rel=1e-6
+    )
     again = earlier(path, recorded)
-    assert np.array_equal(found.after.fit.theta, again.after.fit.theta)
+    assert np.array_equal(found.explanation.fit.theta, again.explanation.fit.theta)
 
 
 def test_the_command_begins_with_what_it_is_given(grown, tmp_path, capsys):
@@ -176,13 +178,13 @@ def test_what_was_found_earlier_and_is_not_there_is_not_found(grown, tmp_path):
     _, _, path = grown
     nothing = small_recording(noise=NOISE, places=4)
     found = earlier(path, nothing)
-    assert found.after.effects == []
+    assert found.explanation.effects == []
     assert [row["action"] for row in found.search.journal.steps] == ["calibrate"]
     swapped = {"name": "electrode-swap", "electrodes": [1, 5]}
     other = tmp_path / "effects.yaml"
     other.write_text(yaml.safe_dump({"twin": {"effects": [CONTACT, swapped]}}), encoding="utf-8")
     mended = earlier(other, small_recording(CONTACT, noise=NOISE, places=4))
-    assert [(c.name, c.sites) for c in mended.after.effects] == [("contact-impedance", (3,))]
+    assert [(c.name, c.sites) for c in mended.explanation.effects] == [("contact-impedance", (3,))]
 
 
 def test_what_came_since_is_found_beside_what_was_found_earlier(grown):
@@ -190,7 +192,7 @@ def test_what_came_since_is_found_beside_what_was_found_earlier(grown):
     other = {"name": "measurement-gain", "measures": [5], "parameters": {"gain": 1.001}}
     found = earlier(path, small_recording(CONTACT, other, noise=NOISE, places=4))
     assert found.search.journal.steps[1]["action"] == "start"
-    names = {c.name: c.sites for c in found.after.effects}
+    names = {c.name: c.sites for c in found.explanation.effects}
     assert names == {"contact-impedance": (3,), "measurement-gain": (5,)}
 
 

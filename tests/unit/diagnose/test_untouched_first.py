@@ -37,8 +37,8 @@ def test_what_is_far_off_is_explained_without_the_touches():
 @pytest.mark.long
 def test_touches_tell_a_pressed_rim_from_what_reads_like_it_without_them():
     found = diagnosis.diagnose(small_recording(OVAL, noise=NOISE))
-    assert [c.name for c in found.after.effects] == ["domain-shape"]
-    values = found.after.fit.settings()[0].values
+    assert [c.name for c in found.explanation.effects] == ["domain-shape"]
+    values = found.explanation.fit.settings()[0].values
     assert values["amplitude"] == pytest.approx(0.05, rel=1e-3) and values["carried"] == 1
 
 
@@ -69,10 +69,10 @@ def test_a_recording_of_touches_alone_has_no_frames_to_begin_with():
 def test_a_pressed_skin_of_the_witness_is_named_with_its_size():
     one = owned.draw("owner:out-of-round", 3)
     found = diagnosis.diagnose(one.recorded)
-    assert [c.name for c in found.after.effects] == ["domain-shape"]
+    assert [c.name for c in found.explanation.effects] == ["domain-shape"]
     (true, *_) = one.truth.effects
-    values = found.after.fit.settings()[0].values
+    values = found.explanation.fit.settings()[0].values
     for key in ("harmonic", "amplitude", "phase_deg"):
         assert values[key] == pytest.approx(true["parameters"][key], rel=0.02)
-    gain, error = found.reserve.gain(found.after.fit, found.before.fit)
+    gain, error = found.reserve.gain(found.explanation.fit, found.baseline.fit)
     assert gain > 2.0 * error

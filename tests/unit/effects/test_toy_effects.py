@@ -250,7 +250,7 @@ def test_a_diagnosis_names_it_and_its_report_tells_it(name, tmp_path, monkeypatc
     recorded = small_recording(item(name), places=3)
     recording.write(recorded, tmp_path / "recording.parquet")
     found = diagnosis.diagnose(recorded)
-    assert [candidate.name for candidate in found.after.effects] == [name]
+    assert [candidate.name for candidate in found.explanation.effects] == [name]
     files.write(record(found, "toy"), tmp_path, SCHEMA)
     (told,) = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))["effects"]
     for key, value in ITEMS[name]["parameters"].items():

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from eitskin.effects import EFFECTS
+
 HOUSE = Path(__file__).parents[3] / "workflow"
 FLOORS = (  # from the ground up; what stands on one floor does not know each other
     {"errors", "plotting", "progress", "quantities"},
@@ -112,6 +114,13 @@ def test_a_diagnosis_does_not_know_its_report():
         if name.startswith("eitskin.diagnose") and not name.startswith(pages):
             for other in imports(name):
                 assert not other.startswith("eitskin.diagnose.report"), f"{name} imports {other}"
+
+
+def test_the_verdict_knows_no_single_effect():
+    single = {type(effect).__module__ for effect in EFFECTS.values()}
+    for name in modules():
+        if name.startswith(("eitskin.diagnose.verdict", "eitskin.diagnose.search")):
+            assert not imports(name) & single, f"{name} imports {imports(name) & single}"
 
 
 @pytest.mark.parametrize("owner", sorted(ONLY))

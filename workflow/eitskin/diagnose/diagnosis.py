@@ -9,7 +9,7 @@ from eitskin.diagnose.fitting.excerpt import LIMIT_GIB, excerpt
 from eitskin.diagnose.fitting.memory import frame_limit
 from eitskin.diagnose.search.journal import Journal
 from eitskin.diagnose.search.staging import prepared, pruned_by_reserve, searched
-from eitskin.diagnose.verdict.diagnosis import Diagnosis, assessed
+from eitskin.diagnose.verdict.diagnosis import Data, Diagnosis, assess
 from eitskin.effects.effect import Setting
 from eitskin.physics import outline
 
@@ -58,6 +58,5 @@ def _diagnosed(
     problem = search.problem
     outcome, was_cut_short = searched(recording, search, seed, earlier)
     outcome, reserve = pruned_by_reserve(outcome, problem, recording, noise, reserve_mask)
-    return assessed(
-        recording, noise, outcome, reserve, reserve_mask, problem.whitening, was_cut_short
-    )
+    data = Data(recording, noise, reserve, reserve_mask, problem.whitening)
+    return assess(data, outcome, was_cut_short)

@@ -17,7 +17,8 @@ def write(
 ) -> None:
     """Write the record of a diagnosis into its folder, diagnosis.json last.
 
-    query: the file whose prediction the record has. Raises InputError where the document is no
+    schema: the file that says what diagnosis.json is; query: the file whose prediction the record
+    has. Raises InputError where the document is no
     diagnosis by the schema.
     """
     folder = Path(folder)
@@ -33,13 +34,13 @@ def write(
         path.write_text(text + "\n", "utf-8")
 
 
-def _write_predicted(query: str | Path, voltage: np.ndarray, sd: np.ndarray, out: Path) -> None:
+def _write_predicted(query: str | Path, voltage: np.ndarray, sd: np.ndarray, target: Path) -> None:
     table = parquet.read(query)
     for key, values in (("voltage_V", voltage), ("std_V", sd)):
         if key in table.column_names:
             table = table.drop_columns(key)
         table = table.append_column(key, parquet.lists(values))
-    with atomic_path(out) as path:
+    with atomic_path(target) as path:
         pq.write_table(table, path)
 
 

@@ -16,9 +16,9 @@ from eitskin.data.recording import Recording
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.compare.result import comparison
 from eitskin.diagnose.fitting.excerpt import LIMIT_GIB
-from eitskin.diagnose.verdict.conclusion import OF_A_PART, document
+from eitskin.diagnose.verdict.conclusion import PART_KEYS, document
 from eitskin.diagnose.verdict.diagnosis import Diagnosis
-from eitskin.diagnose.verdict.words import stretch
+from eitskin.diagnose.verdict.words import frame_range
 from eitskin.effects.effect import Setting
 from eitskin.errors import InputError
 
@@ -31,7 +31,7 @@ def diagnose(
     earlier: list[Setting] | None = None,
 ) -> Diagnosis:
     """`diagnosis.diagnose` of a recording without steps; else of the longest part that can be
-    diagnosed, which is the `told` one of `parts`, with `parts` and `steps` of Diagnosis.
+    diagnosed, which has the key `told` in `parts`, with `parts` and `steps` of Diagnosis.
 
     Raises InputError as `diagnosis.diagnose` does; where no part can be diagnosed, that of the
     longest.
@@ -47,7 +47,7 @@ def diagnose(
     for part in sorted(parts, key=lambda part: -len(part.frames)):
         frames = _frame_numbers(part)
         if progress:
-            print(f"  of {stretch(frames)}", file=sys.stderr, flush=True)
+            print(f"  of {frame_range(frames)}", file=sys.stderr, flush=True)
         try:
             part_diagnosis = diagnosis.diagnose(part, seed, progress, memory_GiB, earlier)
         except InputError as refusal:
@@ -58,12 +58,12 @@ def diagnose(
             longest = part_diagnosis
             entries.append({"frames": frames, "told": True})
             continue
-        content = document(part_diagnosis, stretch(frames))
-        entries.append({"frames": frames, **{key: content[key] for key in OF_A_PART}})
+        content = document(part_diagnosis, frame_range(frames))
+        entries.append({"frames": frames, **{key: content[key] for key in PART_KEYS}})
     if longest is None:
         raise refusals[0]
     entries.sort(key=lambda entry: entry["frames"])
-    changes = [_change(before, after) for before, after in pairwise(parts)]
+    changes = [_change(*pair) for pair in pairwise(parts)]
     return replace(longest, parts=tuple(entries), steps=tuple(changes))
 
 
@@ -72,8 +72,8 @@ def _frame_numbers(part: Recording) -> list[int]:
     return [int(part.frames["frame"].iloc[row]) for row in (0, -1)]
 
 
-def _change(before: Recording, after: Recording) -> dict:
+def _change(control: Recording, later: Recording) -> dict:
     """What a step changed: its first frame, `sentences` and `difference` of comparison.json."""
-    numbers = _frame_numbers(before), _frame_numbers(after)
-    content = comparison(before, after, (stretch(numbers[0]), stretch(numbers[1])))
+    numbers = _frame_numbers(control), _frame_numbers(later)
+    content = comparison(control, later, (frame_range(numbers[0]), frame_range(numbers[1])))
     return {"frame": numbers[1][0]} | {key: content[key] for key in ("sentences", "difference")}

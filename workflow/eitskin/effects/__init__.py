@@ -97,9 +97,11 @@ def _contradictions(kind: type[Effect], names: Collection[str]) -> Iterator[tupl
     for placeholder in re.findall(r"\{([^{}|]*)\}", kind.finding):
         if placeholder not in placeholders:
             yield "finding", f"{{{placeholder}}}", f"one of {', '.join(placeholders)}"
-    for name in kind.confusable:
-        if name not in names:
-            yield "confusable", repr(name), "names of effects"
+    equivalents = (name for identity in kind.identities for name in identity.names)
+    for attribute, related in (("confusable", kind.confusable), ("identities", equivalents)):
+        for name in related:
+            if name not in names:
+                yield attribute, repr(name), "names of effects"
     effect = kind()
     for start in effect.starts(EXAMPLE_SKIN, np.ones((1, 1))):
         for key, parameter in kind.parameters.items():

@@ -1,7 +1,36 @@
 """Electrodes that touch the gel worse, or better, than believed."""
 
+from eitskin.effects.domain_shape import DomainShape
 from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
+from eitskin.effects.gain import EVERY_GAIN, scaled_readings
+from eitskin.effects.identity import Identity, NamedEffect, OtherSide, Substitute
 from eitskin.physics.geometry import Geometry
+from eitskin.quantities import number
+
+
+def scaled_currents(contacts: NamedEffect) -> OtherSide | None:
+    """Of contacts all alike: all currents, or all amplifiers, and the conductivity with them."""
+    if contacts.scope != "common":
+        return None
+    return scaled_readings(contacts, float(contacts.values["ratio"]))
+
+
+def scaled_rim(contacts: NamedEffect) -> OtherSide | None:
+    """Of contacts all alike: the size of the skin, its electrodes' angles kept."""
+    if contacts.scope != "common":
+        return None
+    ratio = float(contacts.values["ratio"])
+    growth = 1.0 / ratio - 1.0
+    if abs(growth) > DomainShape.parameters["amplitude"].high:
+        return None
+    phase_deg = 0.0 if growth > 0 else 180.0
+    values = {"harmonic": 0, "amplitude": abs(growth), "phase_deg": phase_deg}
+    radius_mm = contacts.skin.radius_mm
+    assert radius_mm is not None
+    diameter_mm = 2.0 * radius_mm / ratio
+    sentence = f"As well the skin may be {number(diameter_mm)} mm across. Measure it with a ruler."
+    voltage = contacts.simulated([Substitute("domain-shape", values)])
+    return OtherSide(contacts.gap(voltage), sentence)
 
 
 class ContactImpedance(SkinEffect):
@@ -21,6 +50,10 @@ class ContactImpedance(SkinEffect):
     )
     shown_by = "absolute values, with the driven electrodes measured too"
     confusable = ("electrode-width", "electrode-open")
+    identities = (
+        Identity(EVERY_GAIN, scaled_currents),
+        Identity(("domain-shape",), scaled_rim),
+    )
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry with contact impedivities multiplied."""

@@ -2,13 +2,60 @@
 
 import numpy as np
 
+from eitskin.effects.anisotropy import axis_text
 from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
+from eitskin.effects.gain import EVERY_GAIN, scaled_readings
+from eitskin.effects.identity import Identity, NamedEffect, OtherSide, Substitute
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.skin import Skin
+from eitskin.quantities import number
 
 HARMONICS = 6  # highest harmonic from which a fit starts
 RIM = np.linspace(0.0, 2.0 * np.pi, 512, endpoint=False)
 NEWTON_STEPS = 8  # from the same angle; converges quadratically for rims near a disc
+
+
+def directed_gel(shape: NamedEffect) -> OtherSide | None:
+    """Of a rim of harmonic 2, its electrodes' angles kept: a circle of gel that conducts better
+    across the rim's long axis, by ln ratio = 2 amplitude, to first order. Conformal maps to the
+    circle move the electrodes by amplitude sin(2 phi - phase) in both cases."""
+    if shape.values["harmonic"] != 2:
+        return None
+    ratio = float(np.exp(2.0 * shape.values["amplitude"]))
+    angle_deg = 0.5 * shape.values["phase_deg"] + 90.0
+    tensor = Substitute("anisotropy", {"ratio": ratio, "angle_deg": angle_deg})
+    sentence = (
+        f"As well the skin may be round, and its gel conduct {number(ratio)} times as well along"
+        f" {axis_text(angle_deg)} as across. Measure the rim with a ruler."
+    )
+    return OtherSide(shape.gap(shape.simulated([tensor])), sentence)
+
+
+def _conductivity_ratio(shape: NamedEffect) -> float | None:
+    """Of harmonic 0: the factor of the conductivity that changes readings as the size does."""
+    if shape.values["harmonic"] != 0:
+        return None
+    phase = float(np.cos(np.radians(shape.values["phase_deg"])))
+    return 1.0 / (1.0 + shape.values["amplitude"] * phase)
+
+
+def scaled_currents(shape: NamedEffect) -> OtherSide | None:
+    """Of a size: all currents, or all amplifiers, and the conductivity with them."""
+    ratio = _conductivity_ratio(shape)
+    return None if ratio is None else scaled_readings(shape, ratio)
+
+
+def scaled_contacts(shape: NamedEffect) -> OtherSide | None:
+    """Of a size: the impedance of all contacts."""
+    ratio = _conductivity_ratio(shape)
+    if ratio is None:
+        return None
+    contacts = Substitute("contact-impedance", {"ratio": ratio}, shape.electrodes, "electrodes")
+    sentence = (
+        f"As well the skin may have its size and every contact {number(ratio)} times the impedance"
+        " that is assumed. Measure the skin with a ruler."
+    )
+    return OtherSide(shape.gap(shape.simulated([contacts])), sentence)
 
 
 class DomainShape(SkinEffect):
@@ -35,6 +82,11 @@ class DomainShape(SkinEffect):
     )
     shown_by = "absolute values, with touches at known places along the rim"
     confusable = ("anisotropy", "ellipse", "electrode-position", "conductivity-patch")
+    identities = (
+        Identity(("anisotropy",), directed_gel),
+        Identity(EVERY_GAIN, scaled_currents),
+        Identity(("contact-impedance",), scaled_contacts),
+    )
 
     def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:
         """The size and the harmonics that a rim is likely to have, drawn wrongly or pressed."""

@@ -1,6 +1,6 @@
 """Drives whose current is not what the board believes."""
 
-from eitskin.effects.gain import GainEffect
+from eitskin.effects.gain import PAIR_IDENTITIES, GainEffect
 
 
 class DriveGain(GainEffect):
@@ -13,3 +13,4 @@ class DriveGain(GainEffect):
     finding = "{site} {carries|carry} {gain} times the current that the simulation assumes."
     shown_by = "a recording with absolute values"
     confusable = ("channel-gain",)
+    identities = PAIR_IDENTITIES

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from eitskin.effects.identity import Identity
 from eitskin.physics.force_history import ForceHistory
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.skin import Skin
@@ -84,7 +85,8 @@ class Effect:
     is this effect, not another's; either: parameters that are laws of their own, of which a
     diagnosis names one; tone: whether it is a steady tone, whose `frequency_Hz` a periodogram
     finds; disc: whether it multiplies the conductivity by `contrast` within a disc at `x_mm`,
-    `y_mm` of `radius_mm`.
+    `y_mm` of `radius_mm`; identities: other causes of the same readings, which a diagnosis names
+    beside it.
     """
 
     name: str
@@ -109,6 +111,7 @@ class Effect:
     either: tuple[str, ...] = ()
     tone = False
     disc = False
+    identities: tuple[Identity, ...] = ()
 
     @property
     def several(self) -> bool:

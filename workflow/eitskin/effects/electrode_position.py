@@ -1,7 +1,35 @@
 """Electrodes that are not where the drawing has them."""
 
+import numpy as np
+
+from eitskin.effects.anisotropy import axis_text
 from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
+from eitskin.effects.identity import Identity, NamedEffect, OtherSide
 from eitskin.physics.geometry import Geometry
+from eitskin.quantities import number
+
+WAVE = 0.5  # of the variance of electrodes' shifts, that a stretch has at least: most of it
+
+
+def stretched_gel(positions: NamedEffect) -> OtherSide | None:
+    """Of electrodes each with its shift, most of it a wave A sin 2(phi - angle): one anisotropy,
+    ln ratio = 2 A to first order, fitted on the full model."""
+    if positions.scope != "dense":
+        return None
+    phi = np.radians(np.array(positions.skin.electrode_deg))
+    shift = np.radians(positions.values["shift_deg"])
+    wave = 2j * np.mean((shift - shift.mean()) * np.exp(-2j * phi))
+    if 0.5 * abs(wave) ** 2 < WAVE * np.var(shift):
+        return None
+    values, gap = positions.fitted_substitute("anisotropy", 2.0 * np.conj(wave))
+    sentence = (
+        "As well all electrodes may sit where the drawing has them, and the gel conduct"
+        f" {number(values['ratio'])} times as well along {axis_text(values['angle_deg'])} as"
+        " across, or the rim be an ellipse that carries them along,"
+        f" {number(values['ratio'] ** 0.5)} times as long along"
+        f" {axis_text(values['angle_deg'] + 90.0)} as across. Measure the rim with a ruler."
+    )
+    return OtherSide(gap, sentence)
 
 
 class ElectrodePosition(SkinEffect):
@@ -19,6 +47,7 @@ class ElectrodePosition(SkinEffect):
     )
     shown_by = "a recording with absolute values"
     confusable = ("domain-shape", "ellipse", "electrode-swap", "registration")
+    identities = (Identity(("anisotropy", "domain-shape"), stretched_gel),)
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry with electrodes shifted."""

@@ -1,6 +1,6 @@
 """Measuring pairs whose amplifier is not what the board believes."""
 
-from eitskin.effects.gain import GainEffect
+from eitskin.effects.gain import PAIR_IDENTITIES, GainEffect
 
 
 class MeasurementGain(GainEffect):
@@ -13,3 +13,4 @@ class MeasurementGain(GainEffect):
     finding = "{site} {reads|read} {gain} times the voltage that is there."
     shown_by = "a recording with absolute values"
     confusable = ("channel-gain",)
+    identities = PAIR_IDENTITIES

@@ -44,7 +44,7 @@ def test_a_calibration_beyond_what_is_tried_ends_at_its_bound(ratio, bound):
     limit = START * np.exp(MAX_SD * SD if bound == "high" else -MAX_SD * SD)
     assert np.isclose(found[IMPEDIVITY]["value"], limit, rtol=0.07)
     word = {"high": "largest", "low": "least"}[bound]
-    (said,) = words.pinned({IMPEDIVITY: found[IMPEDIVITY]})
+    (said,) = words.bound_sentences({IMPEDIVITY: found[IMPEDIVITY]})
     assert said.startswith(f"The contact impedivity of all electrodes ended at the {word} value")
     assert said.endswith("Ω·m²; its interval means nothing.")
 
@@ -53,7 +53,7 @@ def test_a_calibration_beyond_what_is_tried_ends_at_its_bound(ratio, bound):
 def test_a_calibration_within_what_is_tried_is_at_no_bound(ratio):
     found = calibration(contacts(ratio))
     assert np.isclose(found[IMPEDIVITY]["value"], ratio * START, rtol=1e-2)
-    assert "at_bound" not in found[IMPEDIVITY] and words.pinned(found) == []
+    assert "at_bound" not in found[IMPEDIVITY] and words.bound_sentences(found) == []
 
 
 @given(
@@ -84,7 +84,7 @@ def planted(name, key, value):
     found = estimates(fitted, 0)
     entry = {"name": name, "scope": effect.scope or "common", "parameters": found}
     entry |= {each: sites.get(each, []) for each in words.NOUNS}
-    return found[key], words.finding(entry, effect.effect)
+    return found[key], words.effect_sentence(entry, effect.effect)
 
 
 @pytest.mark.parametrize(
@@ -130,9 +130,9 @@ def test_a_small_value_that_is_known_is_at_no_bound_where_nothing_is_the_least(k
 def test_in_a_list_each_value_has_its_own_bound():
     numbers = {"value": [0.0, 1.1, 0.9], "low": [0.0, 1.0, 0.8], "high": [0.4, 1.2, 1.0]}
     estimate = {**numbers, "unit": "1", "at_bound": ["low", None, None]}
-    first, *others = words.valued(estimate)
+    first, *others = words.value_texts(estimate)
     assert first == "0 (the least value tried, without an interval)"
-    assert others == words.valued({**numbers, "unit": "1"})[1:]
+    assert others == words.value_texts({**numbers, "unit": "1"})[1:]
 
 
 def test_a_size_without_a_direction_is_at_no_bound():
@@ -161,7 +161,7 @@ def test_a_report_says_what_is_pinned_and_prints_no_interval(folder):
     made, recording, said = folder
     page.write(made, recording, SCHEMA, made / "report.html")
     text = unescape((made / "report.html").read_text(encoding="utf-8"))
-    (sentence,) = words.pinned(said["calibration"])
+    (sentence,) = words.bound_sentences(said["calibration"])
     assert sentence in text and "0.499 (90 %" not in text
     assert "0.499\xa0S/m (the largest value tried, without an interval)" in text
 

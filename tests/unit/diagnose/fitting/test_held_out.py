@@ -408,7 +408,7 @@ def test_touches_of_unknown_force_are_no_presses_to_have_in_common():
     touched = recorded.frames["touch"].to_numpy(bool)
     recorded.frames.loc[touched, "force_N"] = np.nan
     found = diagnosis.diagnose(recorded)
-    assert [effect.name for effect in found.after.effects] == ["drive-gain"]
+    assert [effect.name for effect in found.explanation.effects] == ["drive-gain"]
 
 
 def test_put_aside_leaves_out_what_was_lost(judging):
@@ -434,9 +434,9 @@ def test_a_name_beside_much_that_has_none_is_a_candidate(monkeypatch):
     own = 1.0 + 0.01 * np.random.default_rng(5).normal(size=every.voltage.shape[1])
     recorded.voltage = own * recorded.voltage
     found = diagnosis.diagnose(recorded)
-    assert found.after.error_sds["static-discrepancy"] > 0.0
+    assert found.explanation.error_sds["static-discrepancy"] > 0.0
     said = conclusion.document(found, "skin")
-    assert len(judged) > 1 and all(fit.chi2 > 100.0 * found.after.fit.chi2 for fit in judged)
+    assert len(judged) > 1 and all(fit.chi2 > 100.0 * found.explanation.fit.chi2 for fit in judged)
     assert said["effects"][0]["name"] == "measurement-gain"
     assert said["fit"]["held_out"]["chi2_per_dof_after"] > 100.0
     assert [effect["certain"] for effect in said["effects"]] == [False] * len(said["effects"])

@@ -463,7 +463,7 @@ def test_intervals_are_those_of_the_contract():
     (quadrature,) = component_intervals(rig, {"quadrature": drawn_sd}, "V")
     assert np.isclose(quadrature["sd"], 0.02, rtol=0.01)
     known = {n for n, one in COMPONENTS.items() if not one.discrepancy} | {"correlated-noise"}
-    assert known == set(rig_words.FINDINGS)
+    assert known == set(rig_words.SENTENCES)
 
 
 def test_a_correlation_is_as_sure_as_the_values_it_was_found_from():
@@ -651,7 +651,9 @@ def test_an_error_of_the_rig_is_one_class(small, monkeypatch):
     reported = {entry["name"]: entry for entry in component_intervals(rig, error_sds, "V")}
     entry = reported["alternating-hum"]
     assert entry["unit"] == "V" and entry["low"] < true < entry["high"] and entry["learned"]
-    assert rig_words.finding(entry).startswith("The rig has an error called alternating-hum, of")
+    assert rig_words.component_sentence(entry).startswith(
+        "The rig has an error called alternating-hum, of"
+    )
 
 
 def test_touches_without_force_have_no_errors_of_it():

@@ -67,9 +67,9 @@ def test_a_rig_error_gets_no_name(kind):
     said = conclusion.document(found, kind)
     assert said["verdict"] == "consistent" and said["effects"] == []
     name, size = size_of(case)
-    assert 1 / 1.5 < found.after.error_sds[name] / size < 1.5
+    assert 1 / 1.5 < found.explanation.error_sds[name] / size < 1.5
     (told,) = (one for one in said["noise"]["components"] if one["name"] == name)
-    assert told["sd"] == found.after.error_sds[name]
+    assert told["sd"] == found.explanation.error_sds[name]
     # Twice as wide as that of 90 %, of which one in ten lies outside.
     assert told["low"] ** 2 < size * told["sd"] < told["high"] ** 2
 
@@ -90,7 +90,7 @@ def test_an_effect_is_not_taken_for_a_rig_error(name, seed, component):
     found = diagnosis.diagnose(recorded)
     (effect,) = conclusion.document(found, name)["effects"]
     assert name in (effect["name"], *effect["alternatives"])
-    assert found.after.error_sds[component] < found.search.rig.prior_sds[component] / 3.0
+    assert found.explanation.error_sds[component] < found.search.rig.prior_sds[component] / 3.0
 
 
 @pytest.mark.long
@@ -106,7 +106,7 @@ def test_an_effect_and_its_rig_error_are_told_apart(name, seed, component):
     found = diagnosis.diagnose(recorded)
     (effect,) = conclusion.document(found, name)["effects"]
     assert name in (effect["name"], *effect["alternatives"])
-    assert 1 / 1.5 < found.after.error_sds[component] / size_of(case)[1] < 1.5
+    assert 1 / 1.5 < found.explanation.error_sds[component] / size_of(case)[1] < 1.5
 
 
 @pytest.mark.long
@@ -120,8 +120,8 @@ def test_a_class_is_declared_whole_on_a_rig_with_errors():
     assert effect["alternatives"] == near and "contact-area-growth" in near
     assert len(near) < len(others)
     name, size = size_of(case)
-    assert 1 / 1.5 < found.after.error_sds[name] / size < 1.5
+    assert 1 / 1.5 < found.explanation.error_sds[name] / size < 1.5
     assert (
-        found.after.error_sds["force-per-press"]
+        found.explanation.error_sds["force-per-press"]
         < found.search.rig.prior_sds["force-per-press"] / 3.0
     )

@@ -23,7 +23,7 @@ def test_coarse_steps_are_the_converter_s(noise, step):
     found = diagnosis.diagnose(recorded)
     said = conclusion.document(found, "rounded")
     assert said["effects"] == []
-    assert found.other.p_value > 0.01 and found.other.probability < 0.1
+    assert found.remainder.p_value > 0.01 and found.remainder.probability < 0.1
     (size,) = (c["sd"] for c in said["noise"]["components"] if c["name"] == "quantisation")
     assert 1 / 1.5 < size / found.noise.rounding_sd < 1.5
     assert found.noise.converter_step == pytest.approx(width)

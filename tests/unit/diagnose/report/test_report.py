@@ -29,7 +29,7 @@ from eitskin.diagnose.report.answer import omitted_frames
 from eitskin.diagnose.report.evidence import read
 from eitskin.diagnose.search.journal import Decision
 from eitskin.diagnose.verdict import refusals, rig_words
-from eitskin.diagnose.verdict.conclusion import OF_A_PART
+from eitskin.diagnose.verdict.conclusion import PART_KEYS
 from eitskin.effects import EFFECTS, catalogue_names
 from eitskin.errors import InputError
 from eitskin.quantities import MINUS, NONE, number
@@ -154,7 +154,7 @@ def rig(tmp_path_factory):
 
 def test_the_rig_is_told_where_it_was_found(written, rig):
     text = Page((rig / "report.html").read_text(encoding="utf-8")).text
-    for sentence in rig_words.findings(RIG):
+    for sentence in rig_words.noise_sentences(RIG):
         assert re.sub(r"\s", " ", sentence) in text
     assert "gain-walk0.200 (90 %: 0.160 to 0.250) %the recording" in text
     assert "force-per-press2 %assumed" in text
@@ -430,7 +430,7 @@ def test_the_part_that_the_report_is_of_is_the_one_that_is_told(tmp_path, marked
     folder, _ = diagnosed(tmp_path, "consistent")
 
     def change(diagnosis):
-        own = {key: diagnosis[key] for key in OF_A_PART}
+        own = {key: diagnosis[key] for key in PART_KEYS}
         told = {"frames": [0, 60], **own, **({"told": True} if marked else {})}
         step = {"frame": 61, "sentences": ["All is other."], "difference": {}}
         diagnosis |= {"parts": [told, {"frames": [61, 200], **own}], "steps": [step]}

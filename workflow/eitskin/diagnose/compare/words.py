@@ -8,7 +8,7 @@ from eitskin.diagnose.compare.difference import MARGIN_NATS, Difference, Finding
 from eitskin.diagnose.compare.discs import Disc
 from eitskin.diagnose.compare.evidence import Explanation
 from eitskin.diagnose.compare.objects import LEAST_EXPLAINED, NAME, objects_of
-from eitskin.diagnose.verdict.words import sites
+from eitskin.diagnose.verdict.words import sites_text
 from eitskin.effects.effect import SITES
 from eitskin.quantities import MINUS, listed, number, percent
 
@@ -208,7 +208,7 @@ def _short(explanation: Explanation) -> str:
             for disc in objects_of(explanation).discs
         ]
         return f"{NAME} ({listed(signs)})"
-    return " at ".join(filter(None, [explanation.name, sites(placed(explanation))]))
+    return " at ".join(filter(None, [explanation.name, sites_text(placed(explanation))]))
 
 
 def _signed_percent(share: float) -> str:

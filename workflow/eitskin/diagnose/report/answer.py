@@ -9,18 +9,18 @@ from eitskin.diagnose.report.evidence import Evidence
 from eitskin.diagnose.report.markup import code, figure, numbers_unbroken
 from eitskin.diagnose.search.gates import NOTHING_UNNAMED
 from eitskin.diagnose.verdict.words import (
-    ABOUT,
+    APPROXIMATELY,
     MOST_VALUES,
     NATS,
-    certain,
-    confused,
+    alternatives_sentence,
+    bound_sentences,
     headline,
-    mend,
-    pinned,
-    sites,
-    spread,
-    valued,
-    where,
+    is_certain,
+    place_text,
+    range_text,
+    repair_advice,
+    sites_text,
+    value_texts,
 )
 from eitskin.effects.effect import SITES
 from eitskin.quantities import chance, listed, number, quantity
@@ -84,7 +84,9 @@ def answer(evidence: Evidence, change_drawings: list[str]) -> str:
         has_picture = any(change_drawings[k : k + 1])
         picture = _change_figure(k, change_drawings[k], evidence) if has_picture else ""
         parts.append(_effect(k + 1, effect, evidence, picture))
-    parts += [f"<p>{escape(sentence)}</p>" for sentence in pinned(diagnosis["calibration"])]
+    parts += [
+        f"<p>{escape(sentence)}</p>" for sentence in bound_sentences(diagnosis["calibration"])
+    ]
     if diagnosis["effects"]:
         parts.append(
             "<p class='quiet'>Electrodes and channels are numbered from 0; brackets hold 90 %"
@@ -146,14 +148,14 @@ def _effect(rank: int, effect: dict, evidence: Evidence, picture: str) -> str:
     """An effect of diagnosis.json, numbered, with the picture of what it changes beside it."""
     paragraphs = [f"<p>{rank}. {numbers_unbroken(effect['sentence'])}</p>"]
     driver = "static" if effect["driver"] == "static" else f"varies with {effect['driver']}"
-    is_certain = certain(effect)
-    candidate = "" if is_certain else ", a candidate"
-    head = f"{code(effect['name'])}{candidate}, {escape(where(effect))}, {escape(driver)}"
+    effect_is_certain = is_certain(effect)
+    candidate = "" if effect_is_certain else ", a candidate"
+    head = f"{code(effect['name'])}{candidate}, {escape(place_text(effect))}, {escape(driver)}"
     estimates = effect["parameters"] | effect.get("amounts", {})
     values = [_parameter(key, estimate, effect) for key, estimate in estimates.items()]
     paragraphs.append(f"<p>{'; '.join([head, *values])}.</p>")
-    bench = "At the bench" if is_certain else "At the bench, to try"
-    paragraphs.append(f"<p>{bench}: {escape(mend(effect, evidence.channels))}</p>")
+    bench = "At the bench" if effect_is_certain else "At the bench, to try"
+    paragraphs.append(f"<p>{bench}: {escape(repair_advice(effect, evidence.channels))}</p>")
     score = effect["evidence"]
     standard_error = float(f"{score['elpd_se']:.2g}")
     gain = f"gains {number(score['elpd_gain'])} ± {number(standard_error, 2)} nats"
@@ -164,13 +166,13 @@ def _effect(rank: int, effect: dict, evidence: Evidence, picture: str) -> str:
     p_value = chance(score["p_value"])
     paragraphs.append(f"<p>{numbers_unbroken(f'{text}; p = {p_value}.')}</p>")
     if effect["alternatives"]:
-        paragraphs.append(f"<p>{escape(confused(effect))}</p>")
+        paragraphs.append(f"<p>{escape(alternatives_sentence(effect))}</p>")
     elif effect["gap"] is not None:
         gap = number(effect["gap"])
         paragraphs.append(f"<p>The gap to the nearest other name is {gap} in noise units.</p>")
     else:
         paragraphs.append("<p>No other name looks like it.</p>")
-    html_class = "effect" if is_certain else "effect candidate"
+    html_class = "effect" if effect_is_certain else "effect candidate"
     text = "\n".join(paragraphs)
     return f"<div class='{html_class}'><div>{text}</div>{picture}</div>"
 
@@ -178,21 +180,21 @@ def _effect(rank: int, effect: dict, evidence: Evidence, picture: str) -> str:
 def _parameter(name: str, estimate: dict, effect: dict) -> str:
     """One parameter with its interval; of a list, its range and, where values differ by more than
     their intervals, the site whose value is farthest from the median."""
-    label, texts = code(name), valued(estimate)
+    label, texts = code(name), value_texts(estimate)
     if not isinstance(estimate["value"], list):
         return f"{label} = {numbers_unbroken(texts[0])}"
     values = np.array(estimate["value"])
     kind = next(kind for kind in SITES if effect[kind])
     if len(values) <= MOST_VALUES:
         values_at_sites = [
-            f"{text} at {sites({kind: [site]})}"
+            f"{text} at {sites_text({kind: [site]})}"
             for site, text in zip(effect[kind], texts, strict=True)
         ]
         return f"{label} = {numbers_unbroken(listed(values_at_sites))}"
-    text = spread(estimate, texts)
-    if not text.startswith(ABOUT):
+    text = range_text(estimate, texts)
+    if not text.startswith(APPROXIMATELY):
         outlier = int(np.argmax(np.abs(values - np.median(values))))
-        text = f"{text}, farthest out at {sites({kind: [effect[kind][outlier]]})}"
+        text = f"{text}, farthest out at {sites_text({kind: [effect[kind][outlier]]})}"
     return f"{label} {numbers_unbroken(text)}"
 
 

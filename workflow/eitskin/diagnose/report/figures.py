@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 
 from eitskin.diagnose.report.evidence import Evidence
 from eitskin.diagnose.search.gates import DISTINCT, NOTHING_UNNAMED
-from eitskin.diagnose.verdict.words import certain, sites, where
+from eitskin.diagnose.verdict.words import is_certain, place_text, sites_text
 from eitskin.effects import EFFECTS
 from eitskin.physics.geometry import even_angles
 from eitskin.plotting import (
@@ -146,12 +146,12 @@ def _numbered_effects(diagnosis: dict) -> tuple[list[tuple[int | str, dict]], li
     effects: list[tuple[int | str, dict]] = list(enumerate(diagnosis["effects"], start=1))
     remainder = diagnosis["other"]
     texts = [
-        f"{label}  {'' if certain(effect) else 'perhaps '}{effect['name']}: {where(effect)}"
+        f"{label}  {'' if is_certain(effect) else 'perhaps '}{effect['name']}: {place_text(effect)}"
         for label, effect in effects
     ]
     if not NOTHING_UNNAMED.admits(remainder["probability"]):
         effects.append(("?", remainder | {"channels": []}))
-        texts.append(f"?  no name: {sites(remainder) or 'no single site'}")
+        texts.append(f"?  no name: {sites_text(remainder) or 'no single site'}")
     wrapper = textwrap.TextWrapper(
         LINE_CHARACTERS, subsequent_indent="     ", break_on_hyphens=False
     )

@@ -14,7 +14,7 @@ from eitskin.diagnose.search.gates import CLEARLY_DISTINCT, DISTINCT
 from eitskin.diagnose.search.journal import CUT_SHORT, START
 from eitskin.diagnose.verdict import refusals, rig_words
 from eitskin.diagnose.verdict.atlas import DISCOVERY
-from eitskin.diagnose.verdict.words import of_parts, sites, stretch, valued
+from eitskin.diagnose.verdict.words import frame_range, part_sentences, sites_text, value_texts
 from eitskin.effects import catalogue_names
 from eitskin.quantities import NONE, chance, number, percent, quantity
 
@@ -26,11 +26,11 @@ PACKAGES = ("eitskin", "numpy", "scipy", "pandas", "matplotlib")  # that the num
 def parts(evidence: Evidence) -> str:
     """Of a recording with steps: which part the report is of, the findings in every part, and what
     each step changed; "" for a recording without steps."""
-    parts_and_steps = of_parts(evidence.diagnosis)
+    parts_and_steps = part_sentences(evidence.diagnosis)
     if not parts_and_steps:
         return ""
     entries = evidence.diagnosis["parts"]
-    stretches = [f"{stretch(part['frames'])}, " for part in entries if "told" in part]
+    stretches = [f"{frame_range(part['frames'])}, " for part in entries if "told" in part]
     lines = [
         "<h2>Before and after each step</h2>",
         "<p>The readings step, so that this recording is of more than one state of skin and rig."
@@ -91,7 +91,9 @@ def rig(evidence: Evidence) -> str:
     noise_entry = evidence.diagnosis.get("noise")
     if noise_entry is None:
         return ""
-    sentences = rig_words.findings(noise_entry) or ["The recording shows no error of the rig."]
+    sentences = rig_words.noise_sentences(noise_entry) or [
+        "The recording shows no error of the rig."
+    ]
     paragraphs = [f"<p>{numbers_unbroken(sentence)}</p>" for sentence in sentences]
     lines = ["<h2>The rig</h2>", *paragraphs]
     if evidence.diagnosis["verdict"] in ("partly-explained", "unexplained"):
@@ -103,7 +105,7 @@ def rig(evidence: Evidence) -> str:
     rows = [
         [
             code(component["name"]),
-            numbers_unbroken(rig_words.size(component)),
+            numbers_unbroken(rig_words.size_text(component)),
             "the recording" if component["learned"] else "assumed",
         ]
         for component in noise_entry["components"]
@@ -123,7 +125,7 @@ def unnamed(evidence: Evidence) -> str:
     if remainder["sentence"]:
         lines.append(f"<p>{escape(remainder['sentence'])}</p>")
     facts = {
-        "where": sites(remainder),
+        "where": sites_text(remainder),
         "varies with": (
             remainder["driver"] if remainder["driver"] != "static" else "nothing (static)"
         ),
@@ -265,7 +267,7 @@ def calibration(evidence: Evidence) -> str:
     """The calibrated values with their intervals."""
     head = "<h2>Calibrated values</h2>"
     rows = [
-        [code(name), numbers_unbroken("; ".join(valued(estimate)))]
+        [code(name), numbers_unbroken("; ".join(value_texts(estimate)))]
         for name, estimate in evidence.diagnosis["calibration"].items()
     ]
     if not rows:

@@ -20,10 +20,12 @@ from eitskin.data.recording import Recording
 from eitskin.diagnose.noise.reciprocity import parity
 from eitskin.diagnose.verdict.misfit_drivers import Law, laws, load_direction, nearness
 
-DISCOVERY = 0.05  # a row says that something differs below this q
-FITTED = 1e-6  # a direction with less of its squared length left is a fitted one
-SAME = 1e-12  # fitted directions are one below this, of squared lengths
-LEAST = 1e-12  # squared length of a direction that is none, in noise units
+DISCOVERY = 0.05  # a row says that something differs below this q: one in twenty such is chance
+FITTED_SHARE = (
+    1e-6  # of its squared length; a direction keeps less of it when it was fitted: roundings
+)
+DEPENDENT_SHARE = 1e-12  # of squared lengths; directions that share more are one
+ZERO_LENGTH = 1e-12  # squared, of a direction that is none, in noise units
 COLUMNS = ["statistic", "site", "value", "dof", "p", "q", "sentence"]
 
 
@@ -37,14 +39,14 @@ def atlas(
     Where the values are differences, each channel's constant counts as fitted. Rows whose
     directions were all fitted, or that the frames have no information for, are left out.
     """
-    asked = _Asked(recording, residual, simulated, fitted)
-    found = [row for row in _rows(asked) if row.dof > 0]
-    p = np.array([float(chi2.sf(row.value, row.dof)) for row in found])
+    misfit = _Misfit(recording, residual, simulated, fitted)
+    rows = [row for row in _rows(misfit) if row.dof > 0]
+    p = np.array([float(chi2.sf(row.value, row.dof)) for row in rows])
     q = false_discovery_control(p, method="by")
     table = pd.DataFrame(
         [
             (row.statistic, row.site, row.value, row.dof, p[k], q[k], _sentence(row.claim, q[k]))
-            for k, row in enumerate(found)
+            for k, row in enumerate(rows)
         ],
         columns=COLUMNS,
     )
@@ -61,34 +63,37 @@ class _Row:
 
 
 @dataclass(frozen=True)
-class _Part:
-    """What one field and law have of the residual, channel by channel: products with the residual
-    (M,) and with the fitted directions (P, M), and squared lengths (M,)."""
+class _Projection:
+    """Of one field times one law, channel by channel: products with the residual (M,) and with the
+    fitted directions (P, M), and squared lengths (M,)."""
 
     product: np.ndarray
     shared: np.ndarray
     length: np.ndarray
 
-    def of(self, profiles: np.ndarray) -> tuple[float, int]:
-        """Squared length of the residual in the directions of channels (k,) int, each its own, or
-        of profiles (M, k) over the channels; and the number of directions."""
+    def explained(self, profiles: np.ndarray) -> tuple[float, int]:
+        """Squared length of the residual in the directions of channels (k,) int, each by itself,
+        or of profiles (M, k) over the channels; and the number of directions."""
         if profiles.dtype.kind == "i":
-            alive = profiles[self.length[profiles] > LEAST]
-            scale = 1.0 / np.sqrt(self.length[alive])
-            return _length(self.product[alive] * scale, self.shared[:, alive] * scale)
-        profiles = profiles[:, self.length @ profiles**2 > LEAST]
+            channels = profiles[self.length[profiles] > ZERO_LENGTH]
+            scale = 1.0 / np.sqrt(self.length[channels])
+            return _length(self.product[channels] * scale, self.shared[:, channels] * scale)
+        profiles = profiles[:, self.length @ profiles**2 > ZERO_LENGTH]
         if not profiles.shape[1]:
             return 0.0, 0
         gram = (profiles.T * self.length) @ profiles
         scale = 1.0 / np.sqrt(np.diag(gram))
-        size, basis = np.linalg.eigh(gram * scale * scale[:, None])
-        basis = basis[:, size > FITTED] / np.sqrt(size[size > FITTED])
+        eigenvalues, basis = np.linalg.eigh(gram * scale * scale[:, None])
+        is_direction = eigenvalues > FITTED_SHARE
+        basis = basis[:, is_direction] / np.sqrt(eigenvalues[is_direction])
         basis = profiles @ (basis * scale[:, None])
         return _length(self.product @ basis, self.shared @ basis)
 
 
-class _Asked:
-    """The residual and all that it is asked about; what is lost is 0 throughout."""
+class _Misfit:
+    """The residual (N, M) less its fitted directions, and what statistics of it are made from: the
+    untouched level (M,) of the simulation, the touch's signal (N, M) and its square a frame (N,).
+    Readings that were lost are 0 throughout."""
 
     def __init__(
         self, recording: Recording, residual: np.ndarray, simulated: np.ndarray, fitted: np.ndarray
@@ -96,91 +101,96 @@ class _Asked:
         self.recording = recording
         self.channels = recording.channels
         self.touch = recording.frames["touch"].to_numpy(bool)
-        self.there = np.isfinite(residual) & np.isfinite(simulated)
-        self.count = np.maximum(self.there.sum(axis=0), 1)
-        self.difference = recording.metadata["values"] == "difference"
+        self.mask = np.isfinite(residual) & np.isfinite(simulated)
+        self.count = np.maximum(self.mask.sum(axis=0), 1)
+        self.is_difference = recording.metadata["values"] == "difference"
         shape = residual.shape
-        self.simulated = np.where(self.there, simulated, 0.0)
-        columns = fitted.T.reshape(fitted.shape[1], *shape) * self.there
+        self.simulated = np.where(self.mask, simulated, 0.0)
+        columns = fitted.T.reshape(fitted.shape[1], *shape) * self.mask
         self.fitted = _orthonormal(self.centred(columns).reshape(len(columns), residual.size))
-        flat = self.centred(np.where(self.there, residual, 0.0)).ravel()
+        flat = self.centred(np.where(self.mask, residual, 0.0)).ravel()
         flat = flat - (flat @ self.fitted.T) @ self.fitted
         self.residual, self.fitted = flat.reshape(shape), self.fitted.reshape(-1, *shape)
-        still = self.there & ~self.touch[:, None]
-        self.level = (self.simulated * still).sum(axis=0) / np.maximum(still.sum(axis=0), 1)
+        untouched = self.mask & ~self.touch[:, None]
+        count = np.maximum(untouched.sum(axis=0), 1)
+        self.level = (self.simulated * untouched).sum(axis=0) / count
         signal = self.simulated - self.level
-        self.signal = np.where(self.there & self.touch[:, None], signal, 0.0)
+        self.signal = np.where(self.mask & self.touch[:, None], signal, 0.0)
         self.weight = (self.signal**2).sum(axis=1)
 
     @property
     def size(self) -> int:
         """Degrees of freedom of the residual."""
-        constants = int(self.there.any(axis=0).sum()) if self.difference else 0
-        return int(self.there.sum()) - len(self.fitted) - constants
+        constants = int(self.mask.any(axis=0).sum()) if self.is_difference else 0
+        return int(self.mask.sum()) - len(self.fitted) - constants
 
     def centred(self, values: np.ndarray) -> np.ndarray:
         """(..., N, M) less each channel's mean, where only differences were recorded."""
-        if not self.difference:
+        if not self.is_difference:
             return values
-        return values - self.there * (values.sum(axis=-2, keepdims=True) / self.count)
+        return values - self.mask * (values.sum(axis=-2, keepdims=True) / self.count)
 
-    def parts(self, courses: np.ndarray, field: np.ndarray | None = None) -> list[_Part]:
-        """One a column of courses (N, J), each channel of the field (N, M) times the course."""
-        field = self.there.astype(float) if field is None else field * self.there
-        product = courses.T @ (field * self.residual)
-        shared = np.array([courses.T @ (field * column) for column in self.fitted])
+    def projections(self, laws: np.ndarray, field: np.ndarray | None = None) -> list[_Projection]:
+        """One a column of laws (N, J), each channel of the field (N, M) times the law."""
+        field = self.mask.astype(float) if field is None else field * self.mask
+        product = laws.T @ (field * self.residual)
+        shared = np.array([laws.T @ (field * column) for column in self.fitted])
         shared = shared.reshape(len(self.fitted), *product.shape)
-        length = (courses**2).T @ field**2
-        if self.difference:
-            left = length - (courses.T @ field) ** 2 / self.count
-            length = np.where(left > FITTED * length, left, 0.0)
-        return [_Part(product[j], shared[:, j], length[j]) for j in range(courses.shape[1])]
+        length = (laws**2).T @ field**2
+        if self.is_difference:
+            centred = length - (laws.T @ field) ** 2 / self.count
+            length = np.where(centred > FITTED_SHARE * length, centred, 0.0)
+        return [_Projection(product[j], shared[:, j], length[j]) for j in range(laws.shape[1])]
 
 
-def _rows(asked: _Asked) -> Iterator[_Row]:
-    every, touched = np.ones(len(asked.touch)), asked.touch.astype(float)
-    always, untouched, pressed = asked.parts(np.column_stack([every, 1.0 - touched, touched]))
-    (signal,) = asked.parts(every[:, None], asked.signal)
-    flat = asked.residual.ravel()
+def _rows(misfit: _Misfit) -> Iterator[_Row]:
+    constant, pressed = np.ones(len(misfit.touch)), misfit.touch.astype(float)
+    overall, untouched, touched = misfit.projections(
+        np.column_stack([constant, 1.0 - pressed, pressed])
+    )
+    (signal,) = misfit.projections(constant[:, None], misfit.signal)
+    flat = misfit.residual.ravel()
     claim = "recording and simulation differ"
-    yield _Row("everything", "", claim, float(flat @ flat), asked.size)
-    yield from _of_channels("constant", "in every frame", always, asked)
-    yield from _of_reciprocity("untouched", "in the untouched frames", untouched, asked)
-    yield from _of_harmonics("untouched", "untouched frames", untouched, asked)
-    if asked.touch.any():
-        yield from _of_reciprocity("touched", "in the touched frames", pressed, asked)
-        yield from _of_harmonics("touched", "touched frames", pressed, asked)
-        yield from _of_channels("touch signal", "in the touch's signal", signal, asked)
-        yield from _of_reciprocity("touch signal", "in the touch's signal", signal, asked)
-    yield from _of_laws(asked)
-    yield from _of_nearness(asked)
-    yield from _of_scan(asked, always)
-    yield from _of_amplitude(asked)
+    yield _Row("everything", "", claim, float(flat @ flat), misfit.size)
+    yield from _channel_rows("constant", "in every frame", overall, misfit)
+    yield from _reciprocity_rows("untouched", "in the untouched frames", untouched, misfit)
+    yield from _harmonic_rows("untouched", "untouched frames", untouched, misfit)
+    if misfit.touch.any():
+        yield from _reciprocity_rows("touched", "in the touched frames", touched, misfit)
+        yield from _harmonic_rows("touched", "touched frames", touched, misfit)
+        yield from _channel_rows("touch signal", "in the touch's signal", signal, misfit)
+        yield from _reciprocity_rows("touch signal", "in the touch's signal", signal, misfit)
+    yield from _law_rows(misfit)
+    yield from _nearness_rows(misfit)
+    yield from _scan_rows(misfit, overall)
+    yield from _amplitude_rows(misfit)
 
 
-def _of_channels(statistic: str, how: str, part: _Part, asked: _Asked) -> Iterator[_Row]:
+def _channel_rows(
+    statistic: str, extent: str, projection: _Projection, misfit: _Misfit
+) -> Iterator[_Row]:
     """All channels, and those of each electrode, drive, measuring pair and separation."""
-    count = len(asked.channels)
-    claim = f"channels differ from the simulation {how}, each by its own amount"
-    yield _Row(f"{statistic}: any channel", "", claim, *part.of(np.arange(count)))
-    claim = f"all channels differ from the simulation {how}, by one share"
-    share = asked.level[:, None] if statistic == "constant" else np.ones((count, 1))
-    yield _Row(f"{statistic}: every channel", "", claim, *part.of(share))
-    for where, sites in _sites(asked).items():
+    count = len(misfit.channels)
+    claim = f"channels differ from the simulation {extent}, each by its own amount"
+    yield _Row(f"{statistic}: any channel", "", claim, *projection.explained(np.arange(count)))
+    claim = f"all channels differ from the simulation {extent}, by one share"
+    share = misfit.level[:, None] if statistic == "constant" else np.ones((count, 1))
+    yield _Row(f"{statistic}: every channel", "", claim, *projection.explained(share))
+    for kind, sites in _sites(misfit).items():
         for site, (name, channels) in sites.items():
-            claim = f"{name} differs from the simulation {how}"
-            yield _Row(f"{statistic}: {where}", site, claim, *part.of(channels))
+            claim = f"{name} differs from the simulation {extent}"
+            yield _Row(f"{statistic}: {kind}", site, claim, *projection.explained(channels))
 
 
-def _sites(asked: _Asked) -> dict[str, dict[str, tuple[str, np.ndarray]]]:
+def _sites(misfit: _Misfit) -> dict[str, dict[str, tuple[str, np.ndarray]]]:
     """For electrode, drive, measuring pair and separation: each site's name and channels.
 
     An electrode's contact bends the field of its neighbours' channels as well: with adjacent pairs
     the rows of the two electrodes beside it are as high.
     """
-    channels = asked.channels
+    channels = misfit.channels
     source, sink, plus, minus = channels.T
-    apart = (plus - source) % asked.recording.n_electrodes
+    separation = (plus - source) % misfit.recording.n_electrodes
     return {
         "electrode": _electrodes(channels),
         "drive": {
@@ -192,8 +202,8 @@ def _sites(asked: _Asked) -> dict[str, dict[str, tuple[str, np.ndarray]]]:
             for a, b in np.unique(channels[:, 2:], axis=0)
         },
         "separation": {
-            str(k): (f"measuring {k} electrodes after the source", np.flatnonzero(apart == k))
-            for k in np.unique(apart)
+            str(k): (f"measuring {k} electrodes after the source", np.flatnonzero(separation == k))
+            for k in np.unique(separation)
         },
     }
 
@@ -206,36 +216,40 @@ def _electrodes(channels: np.ndarray) -> dict[str, tuple[str, np.ndarray]]:
     }
 
 
-def _of_reciprocity(statistic: str, where: str, part: _Part, asked: _Asked) -> Iterator[_Row]:
+def _reciprocity_rows(
+    statistic: str, extent: str, projection: _Projection, misfit: _Misfit
+) -> Iterator[_Row]:
     """Odd half and the rest; the touch's signal has its sign already."""
-    signed = asked.recording.metadata["voltage"] == "signed" and statistic != "touch signal"
-    odd, even = parity(asked.channels, signed)
+    signed = misfit.recording.metadata["voltage"] == "signed" and statistic != "touch signal"
+    odd, even = parity(misfit.channels, signed)
     if not odd.shape[1]:
         return
-    claim = f"exchanging drive and measurement changes the misfit {where}, as no skin does"
-    yield _Row(f"{statistic}: reciprocity", "odd", claim, *part.of(odd))
-    claim = f"the misfit {where} has a part that exchanging drive and measurement leaves alone"
-    yield _Row(f"{statistic}: reciprocity", "even", claim, *part.of(even))
+    claim = f"exchanging drive and measurement changes the misfit {extent}, as no skin does"
+    yield _Row(f"{statistic}: reciprocity", "odd", claim, *projection.explained(odd))
+    claim = f"the misfit {extent} has a part that exchanging drive and measurement leaves alone"
+    yield _Row(f"{statistic}: reciprocity", "even", claim, *projection.explained(even))
 
 
-def _of_harmonics(statistic: str, where: str, part: _Part, asked: _Asked) -> Iterator[_Row]:
-    """Harmonics of the misfit's mean over the drive's place on the ring, each kind of channel (up
-    to a rotation) with its own cosine and sine."""
-    n = asked.recording.n_electrodes
-    kinds = _rotations(asked.channels, n)
+def _harmonic_rows(
+    statistic: str, extent: str, projection: _Projection, misfit: _Misfit
+) -> Iterator[_Row]:
+    """Harmonics of the misfit's mean over the drive's place on the ring, every kind of channel (up
+    to a rotation) with a cosine and a sine."""
+    n = misfit.recording.n_electrodes
+    kinds = _rotations(misfit.channels, n)
     if len(set(kinds)) == len(kinds):
         return
     kind = pd.factorize(pd.Series(kinds, dtype=object))[0]
-    own = (kind[:, None] == np.arange(kind.max() + 1)).astype(float)
+    indicator = (kind[:, None] == np.arange(kind.max() + 1)).astype(float)
     for k in range(n // 2 + 1):
-        angle = 2.0 * np.pi * k * asked.channels[:, :1] / n
-        waves = [own * np.cos(angle)]
+        angle = 2.0 * np.pi * k * misfit.channels[:, :1] / n
+        waves = [indicator * np.cos(angle)]
         if 0 < 2 * k < n:
-            waves.append(own * np.sin(angle))
-        claim = f"the misfit of the {where} goes {k} times up and down round the ring"
+            waves.append(indicator * np.sin(angle))
+        claim = f"the misfit of the {extent} goes {k} times up and down round the ring"
         if k == 0:
-            claim = f"the {where} have a misfit that is alike all round the ring"
-        yield _Row(f"{statistic}: harmonic", str(k), claim, *part.of(np.hstack(waves)))
+            claim = f"the {extent} have a misfit that is alike all round the ring"
+        yield _Row(f"{statistic}: harmonic", str(k), claim, *projection.explained(np.hstack(waves)))
 
 
 def _rotations(channels: np.ndarray, n_electrodes: int) -> list[tuple]:
@@ -243,83 +257,92 @@ def _rotations(channels: np.ndarray, n_electrodes: int) -> list[tuple]:
     return [tuple(row) for row in ((channels - channels[:, :1]) % n_electrodes).tolist()]
 
 
-def _of_laws(asked: _Asked) -> Iterator[_Row]:
-    found = list(laws(asked.recording))
-    if not found:
+def _law_rows(misfit: _Misfit) -> Iterator[_Row]:
+    known_laws = list(laws(misfit.recording))
+    if not known_laws:
         return
-    frames = np.ones(len(asked.touch))
-    touched = asked.touch.astype(float)
-    plain = np.column_stack([law.cleared(touched if _inside(law) else frames) for law in found])
-    shares = np.column_stack([law.cleared(asked.weight) for law in found])
-    rows = zip(found, asked.parts(plain), asked.parts(shares, asked.signal), strict=True)
-    electrodes = _electrodes(asked.channels)
-    for law, part, share in rows:
-        every = np.arange(len(asked.channels))
+    frames = np.ones(len(misfit.touch))
+    touched = misfit.touch.astype(float)
+    constants = np.column_stack(
+        [law.cleared(touched if _is_of_touches(law) else frames) for law in known_laws]
+    )
+    shares = np.column_stack([law.cleared(misfit.weight) for law in known_laws])
+    rows = zip(
+        known_laws,
+        misfit.projections(constants),
+        misfit.projections(shares, misfit.signal),
+        strict=True,
+    )
+    electrodes = _electrodes(misfit.channels)
+    for law, projection, share in rows:
+        channels = np.arange(len(misfit.channels))
         claim = f"the misfit {law.phrase}"
-        yield _Row(f"{law.statistic}: any channel", law.site, claim, *part.of(every))
+        yield _Row(
+            f"{law.statistic}: any channel", law.site, claim, *projection.explained(channels)
+        )
         claim = f"a misfit in proportion to the untouched readings {law.phrase}"
-        level = asked.level[:, None]
-        yield _Row(f"{law.statistic}: every reading", law.site, claim, *part.of(level))
+        level = misfit.level[:, None]
+        yield _Row(f"{law.statistic}: every reading", law.site, claim, *projection.explained(level))
         claim = f"the share by which the touch's signal is off {law.phrase}"
-        alike = np.ones((len(asked.channels), 1))
-        yield _Row(f"{law.statistic}: touch signal", law.site, claim, *share.of(alike))
+        profile = np.ones((len(misfit.channels), 1))
+        yield _Row(f"{law.statistic}: touch signal", law.site, claim, *share.explained(profile))
         for site, (name, channels) in electrodes.items() if law.local else ():
             claim = f"the misfit at {name} {law.phrase}"
-            yield _Row(f"{law.statistic}: electrode", site, claim, *part.of(channels))
+            yield _Row(f"{law.statistic}: electrode", site, claim, *projection.explained(channels))
 
 
-def _inside(law: Law) -> bool:
+def _is_of_touches(law: Law) -> bool:
     """Whether a law is about touched frames alone."""
     return law.touch and law.statistic != "touched"
 
 
-def _of_nearness(asked: _Asked) -> Iterator[_Row]:
-    """Touches near an electrode, in all channels and in its own."""
-    near = nearness(asked.recording)
-    if near is None or not asked.touch.any():
+def _nearness_rows(misfit: _Misfit) -> Iterator[_Row]:
+    """Touches near an electrode, in all channels and in those of the electrode."""
+    touch_nearness = nearness(misfit.recording)
+    if touch_nearness is None or not misfit.touch.any():
         return
     # Less their weighted mean: what one share of all touches explains is no matter of place.
-    near = near - asked.weight @ near / max(asked.weight.sum(), LEAST)
-    parts = asked.parts(near, asked.signal)
-    for site, (name, channels) in _electrodes(asked.channels).items():
-        profiles = np.ones((len(asked.channels), 2))
-        profiles[:, 1] = np.isin(np.arange(len(asked.channels)), channels)
+    mean = misfit.weight @ touch_nearness / max(misfit.weight.sum(), ZERO_LENGTH)
+    projections = misfit.projections(touch_nearness - mean, misfit.signal)
+    for site, (name, channels) in _electrodes(misfit.channels).items():
+        profiles = np.ones((len(misfit.channels), 2))
+        profiles[:, 1] = np.isin(np.arange(len(misfit.channels)), channels)
         claim = f"the share by which the touch's signal is off is other near {name}"
-        yield _Row("position: electrode", site, claim, *parts[int(site)].of(profiles))
+        yield _Row("position: electrode", site, claim, *projections[int(site)].explained(profiles))
 
 
-def _of_scan(asked: _Asked, always: _Part) -> Iterator[_Row]:
+def _scan_rows(misfit: _Misfit, overall: _Projection) -> Iterator[_Row]:
     """The order in which a frame's channels are read."""
-    count = len(asked.channels)
+    count = len(misfit.channels)
     place = np.linspace(-0.5, 0.5, count)[:, None]
     claim = "the misfit drifts along the scan of each frame"
-    yield _Row("scan: position", "", claim, *always.of(place))
+    yield _Row("scan: position", "", claim, *overall.explained(place))
     claim = "the first channel of each frame differs from the simulation"
-    yield _Row("scan: first channel", "0", claim, *always.of(np.array([0])))
-    steps = np.diff(asked.simulated, axis=1, prepend=asked.simulated[:, :1])
-    (before,) = asked.parts(np.ones((len(steps), 1)), -steps)
+    yield _Row("scan: first channel", "0", claim, *overall.explained(np.array([0])))
+    steps = np.diff(misfit.simulated, axis=1, prepend=misfit.simulated[:, :1])
+    (carried_over,) = misfit.projections(np.ones((len(steps), 1)), -steps)
     claim = "the misfit goes with the step from the channel read before"
-    yield _Row("scan: channel before", "", claim, *before.of(np.ones((count, 1))))
-    if asked.touch.any() and load_direction(asked.recording).any():
-        course = load_direction(asked.recording)[:, None]
-        (skewed,) = asked.parts(course, asked.signal)
+    yield _Row("scan: channel before", "", claim, *carried_over.explained(np.ones((count, 1))))
+    if misfit.touch.any() and load_direction(misfit.recording).any():
+        direction = load_direction(misfit.recording)[:, None]
+        (skewed,) = misfit.projections(direction, misfit.signal)
         claim = "the touch's signal grows or shrinks along the scan while the force changes"
-        yield _Row("scan: changing force", "", claim, *skewed.of(place))
+        yield _Row("scan: changing force", "", claim, *skewed.explained(place))
 
 
-def _of_amplitude(asked: _Asked) -> Iterator[_Row]:
+def _amplitude_rows(misfit: _Misfit) -> Iterator[_Row]:
     """Square and cube of the reading, beyond a constant and a share of it."""
-    value = asked.simulated / max(np.abs(asked.simulated).max(), 1e-300)
-    there = asked.there
-    basis = np.column_stack([np.ones(there.sum()), value[there]])
+    value = misfit.simulated / max(np.abs(misfit.simulated).max(), 1e-300)
+    mask = misfit.mask
+    basis = np.column_stack([np.ones(mask.sum()), value[mask]])
     for power, name in ((2, "square"), (3, "cube")):
-        raised = value[there] ** power
+        raised = value[mask] ** power
         field = np.zeros_like(value)
-        field[there] = raised - basis @ np.linalg.lstsq(basis, raised, rcond=None)[0]
-        (part,) = asked.parts(np.ones((len(value), 1)), field)
+        field[mask] = raised - basis @ np.linalg.lstsq(basis, raised, rcond=None)[0]
+        (projection,) = misfit.projections(np.ones((len(value), 1)), field)
         claim = f"the misfit goes with the {name} of the reading"
-        alike = np.ones((value.shape[1], 1))
-        yield _Row(f"amplitude: {name}", "", claim, *part.of(alike))
+        profile = np.ones((value.shape[1], 1))
+        yield _Row(f"amplitude: {name}", "", claim, *projection.explained(profile))
 
 
 def _length(product: np.ndarray, shared: np.ndarray) -> tuple[float, int]:
@@ -330,13 +353,13 @@ def _length(product: np.ndarray, shared: np.ndarray) -> tuple[float, int]:
     """
     if not len(product):
         return 0.0, 0
-    _, size, right = np.linalg.svd(shared, full_matrices=False)
-    along = right @ product
-    left = 1.0 - size**2
-    free = left > FITTED
+    _, cosines, right_singular = np.linalg.svd(shared, full_matrices=False)
+    along = right_singular @ product
+    free_share = 1.0 - cosines**2
+    is_free = free_share > FITTED_SHARE
     outside = product @ product - along @ along
-    inside = np.sum(along[free] ** 2 / left[free])
-    return float(max(outside, 0.0) + inside), int(len(product) - (~free).sum())
+    inside = np.sum(along[is_free] ** 2 / free_share[is_free])
+    return float(max(outside, 0.0) + inside), int(len(product) - (~is_free).sum())
 
 
 def _orthonormal(rows: np.ndarray) -> np.ndarray:
@@ -345,9 +368,9 @@ def _orthonormal(rows: np.ndarray) -> np.ndarray:
     length = np.linalg.norm(rows, axis=1)
     rows = rows[length > 0.0] / length[length > 0.0, None]
     for _ in range(2):
-        size, mix = np.linalg.eigh(rows @ rows.T)
-        kept = size > SAME * size.max(initial=0.0)
-        rows = (mix[:, kept] / np.sqrt(size[kept])).T @ rows
+        eigenvalues, mix = np.linalg.eigh(rows @ rows.T)
+        independent = eigenvalues > DEPENDENT_SHARE * eigenvalues.max(initial=0.0)
+        rows = (mix[:, independent] / np.sqrt(eigenvalues[independent])).T @ rows
     return rows
 
 

@@ -20,7 +20,7 @@ from eitskin.diagnose.verdict.diagnosis import Diagnosis
 from eitskin.diagnose.verdict.verdict import verdict
 from eitskin.effects import EFFECTS, catalogue_names
 
-OF_A_PART = ("verdict", "effects", "other", "fit")  # what diagnosis.json has of each part
+PART_KEYS = ("verdict", "effects", "other", "fit")  # what diagnosis.json has of each part
 
 
 @dataclass(frozen=True)
@@ -56,32 +56,33 @@ def conclude(diagnosis: Diagnosis) -> Verdict:
     Chi squared before and after are of the reserve, both in the covariance of the fit after. The
     gates of certainty are recorded in the journal of the search.
     """
-    reserve, noise, other = diagnosis.reserve, diagnosis.noise, diagnosis.other
-    named = without_discrepancy(diagnosis.after, diagnosis.after.fit)
-    p_value = reserve.p_value(named, noise.dof)
-    entries = [_entry(diagnosis, i, p_value) for i in range(len(diagnosis.after.effects))]
+    explanation, noise = diagnosis.explanation, diagnosis.noise
+    remainder = diagnosis.remainder
+    named_fit = without_discrepancy(explanation, explanation.fit)
+    p_value = diagnosis.reserve.p_value(named_fit, noise.dof)
+    entries = [_entry(diagnosis, i, p_value) for i in range(len(explanation.effects))]
     fit = _held_out(diagnosis)
-    summary = verdict([e["certain"] for e in entries], p_value, other.probability)
-    remainder = {
-        "probability": other.probability,
-        "electrodes": other.electrodes,
-        "drives": other.drives,
-        "measures": other.measures,
-        "driver": other.driver,
-        "law": other.law,
-        "sentence": other.sentence,
+    summary = verdict([e["certain"] for e in entries], p_value, remainder.probability)
+    other = {
+        "probability": remainder.probability,
+        "electrodes": remainder.electrodes,
+        "drives": remainder.drives,
+        "measures": remainder.measures,
+        "driver": remainder.driver,
+        "law": remainder.law,
+        "sentence": remainder.sentence,
     }
-    of_part = dict(zip(OF_A_PART, (summary, entries, remainder, fit), strict=True))
+    part_content = dict(zip(PART_KEYS, (summary, entries, other, fit), strict=True))
     return Verdict(
         summary,
-        calibration(diagnosis.after.fit),
+        calibration(explanation.fit),
         float(np.median(noise.sd)),
         _noise(diagnosis),
         entries,
-        remainder,
+        other,
         unobservable(diagnosis),
         fit,
-        [part | of_part if "told" in part else part for part in diagnosis.parts],
+        [part | part_content if "told" in part else part for part in diagnosis.parts],
         [*diagnosis.steps],
     )
 
@@ -90,7 +91,7 @@ def _noise(diagnosis: Diagnosis) -> dict:
     """`noise` of diagnosis.json."""
     noise, recording = diagnosis.noise, diagnosis.recording
     return {
-        "components": diagnosis.rig,
+        "components": diagnosis.rig_errors,
         "loud_frames": recording.frames["frame"].iloc[[*noise.loud_frames]].tolist(),
         "jumps": [step["frame"] for step in diagnosis.steps],
         "spikes": {
@@ -103,15 +104,18 @@ def _noise(diagnosis: Diagnosis) -> dict:
 def _held_out(diagnosis: Diagnosis) -> dict:
     """`fit` of diagnosis.json."""
     reserve = diagnosis.reserve
-    fits = {"before": diagnosis.before.fit, "after": diagnosis.after.fit}
-    predicted = {when: reserve.prediction(fit) for when, fit in fits.items()}
-    white = {when: reserve.noise_prediction(fit) for when, fit in fits.items()}
+    fits = {"before": diagnosis.baseline.fit, "after": diagnosis.explanation.fit}
+    scores = {key: reserve.prediction(fit) for key, fit in fits.items()}
+    white_scores = {key: reserve.noise_prediction(fit) for key, fit in fits.items()}
     return {
         "held_out": {
             "frames": int(reserve.noise_whitening.mask.any(axis=1).sum()),
-            **{f"chi2_per_dof_{when}": one.chi2_per_dof for when, one in predicted.items()},
-            **{f"white_chi2_per_dof_{when}": one.chi2_per_dof for when, one in white.items()},
-            **{f"rms_{when}_V": one.rms for when, one in predicted.items()},
+            **{f"chi2_per_dof_{key}": score.chi2_per_dof for key, score in scores.items()},
+            **{
+                f"white_chi2_per_dof_{key}": score.chi2_per_dof
+                for key, score in white_scores.items()
+            },
+            **{f"rms_{key}_V": score.rms for key, score in scores.items()},
         }
     }
 
@@ -119,7 +123,7 @@ def _held_out(diagnosis: Diagnosis) -> dict:
 def unobservable(diagnosis: Diagnosis) -> list[str]:
     """Names of the catalogue that the recording could not have shown at a typical size; a last
     resort is none of them, for it is not sought in a recording of the skin that is believed."""
-    named = {c.name for c in diagnosis.after.effects}
+    named = {c.name for c in diagnosis.explanation.effects}
     return sorted(
         name
         for name in catalogue_names()
@@ -131,12 +135,12 @@ def unobservable(diagnosis: Diagnosis) -> list[str]:
 
 def _entry(diagnosis: Diagnosis, index: int, p_value: float) -> dict:
     """Effect `index` as diagnosis.json has it; p_value: of the reserve's chi squared."""
-    after = diagnosis.after
-    candidate = after.effects[index]
+    explanation = diagnosis.explanation
+    candidate = explanation.effects[index]
     rivals, gaps = diagnosis.rivals[index], diagnosis.gaps[index]
     alternatives = [g.rival for g in gaps if not DISTINCT.admits(g.gap)]
     if gaps and not STANDS_OUT.admits(gaps[0].snr):
-        # Gaps as small as it is tell nothing: those first that were fitted in its place.
+        # Gaps within so small a signature are noise: names fitted in its place come first.
         gains = {rival.name: rival.gain for rival in rivals}
         alternatives.sort(key=lambda name: gains.get(name, np.inf))
     gain, error = min((rival.gain, rival.error) for rival in rivals)
@@ -146,19 +150,23 @@ def _entry(diagnosis: Diagnosis, index: int, p_value: float) -> dict:
         "scope": candidate.scope or "common",
         **{kind: [] for kind in ("electrodes", "drives", "measures", "channels")},
         "driver": candidate.effect.driver,
-        "parameters": estimates(after.fit, index),
+        "parameters": estimates(explanation.fit, index),
         "share": _share(diagnosis, index),
-        "evidence": {"elpd_gain": gain, "elpd_se": error, "p_value": after.p_value(candidate)},
+        "evidence": {
+            "elpd_gain": gain,
+            "elpd_se": error,
+            "p_value": explanation.p_value(candidate),
+        },
         "gap": gaps[0].gap if gaps else None,
         "certain": _is_certain(diagnosis, index, p_value),
     }
-    if combined := amounts(after.fit, index, entry["parameters"]):
+    if combined := amounts(explanation.fit, index, entry["parameters"]):
         entry["amounts"] = combined
     if candidate.kind is not None and candidate.scope != "common":
         entry[candidate.kind] = [int(site) for site in candidate.site_indices]
     sentences = [
-        words.finding(entry, EFFECTS[candidate.name]),
-        *identities.readings(diagnosis.search, after, index, alternatives),
+        words.effect_sentence(entry, EFFECTS[candidate.name]),
+        *identities.sentences(diagnosis.search, explanation, index, alternatives),
     ]
     entry["sentence"] = " ".join(sentences)
     return entry
@@ -166,30 +174,31 @@ def _entry(diagnosis: Diagnosis, index: int, p_value: float) -> dict:
 
 def _is_certain(diagnosis: Diagnosis, index: int, p_value: float) -> bool:
     """Whether an effect is more than a candidate: the fit as a whole is acceptable, the effect
-    stands out from what has no name, and what is left, where there probably is something, could
-    not tell it from another name."""
-    after, gaps, other = diagnosis.after, diagnosis.gaps[index], diagnosis.other
-    effect, admits = after.effects[index], diagnosis.search.journal.admits
-    accepted = admits(ACCEPTABLE, p_value, effect, after)
-    stands_out = admits(STANDS_OUT, gaps[0].snr if gaps else np.inf, effect, after)
+    stands out from what has no name, and the remainder, where there probably is one, could not
+    distinguish it from another name."""
+    explanation, gaps = diagnosis.explanation, diagnosis.gaps[index]
+    remainder, admits = diagnosis.remainder, diagnosis.search.journal.admits
+    effect = explanation.effects[index]
+    is_acceptable = admits(ACCEPTABLE, p_value, effect, explanation)
+    stands_out = admits(STANDS_OUT, gaps[0].snr if gaps else np.inf, effect, explanation)
     nearest = min((g.gap for g in gaps if DISTINCT.admits(g.gap)), default=np.inf)
-    distinct = NOTHING_UNNAMED.admits(other.probability) or admits(
-        REMAINDER, nearest - other.snr, effect, after
+    is_distinct = NOTHING_UNNAMED.admits(remainder.probability) or admits(
+        REMAINDER, nearest - remainder.snr, effect, explanation
     )
-    return accepted and stands_out and distinct
+    return is_acceptable and stands_out and is_distinct
 
 
 def _share(diagnosis: Diagnosis, index: int) -> float:
     """Share of the reserve's excess chi squared that returns without an effect, of 0 to 1."""
-    reserve, after = diagnosis.reserve, diagnosis.after
-    chi2_before, chi2_after, chi2_without = (
+    reserve, explanation = diagnosis.reserve, diagnosis.explanation
+    chi2_baseline, chi2_explained, chi2_reduced = (
         reserve.prediction(fit).chi2.sum()
         for fit in (
-            diagnosis.before.fit,
-            after.fit,
-            reduced(diagnosis.search, after, index).fit,
+            diagnosis.baseline.fit,
+            explanation.fit,
+            reduced(diagnosis.search, explanation, index).fit,
         )
     )
-    excess = chi2_before - reserve.prediction(diagnosis.before.fit).reading_count
-    share = (chi2_without - chi2_after) / excess if excess > 0.0 else 0.0
+    excess = chi2_baseline - reserve.prediction(diagnosis.baseline.fit).reading_count
+    share = (chi2_reduced - chi2_explained) / excess if excess > 0.0 else 0.0
     return float(np.clip(share, 0.0, 1.0))

@@ -20,9 +20,9 @@ ONE_AMPERE = 1.0  # so that simulated volts are the ohms that were recorded
 LAYOUT = {"session_frames": 300, "crossed": False}  # as the configuration `authors`
 
 
-def items(fit: Fit) -> list[dict]:
+def effect_items(fit: Fit) -> list[dict]:
     """The effects of a fit as the configuration writes them."""
-    model, found = fit.problem.model, []
+    model, items = fit.problem.model, []
     for index, candidate in enumerate(fit.effects):
         item = candidate.item(fit.theta[fit.coordinate_slice(index)])
         values = item.setdefault("parameters", {})
@@ -31,45 +31,45 @@ def items(fit: Fit) -> list[dict]:
                 values[key] = int(values[key])
         for key, value in candidate.effect.recorded_values(model.force_max_N).items():
             values.setdefault(key, value)
-        found.append(item)
-    return found
+        items.append(item)
+    return items
 
 
-def corrected(fit: Fit, recorded: Recording, noise: np.ndarray, name: str) -> dict:
-    """What a configuration needs to simulate what was recorded: the skin as calibrated, the
-    protocol, and the effects as a twin and as the set `corrected-NAME`.
+def configuration(fit: Fit, recording: Recording, noise_sd: np.ndarray, name: str) -> dict:
+    """What a configuration needs to simulate a recording: the skin as calibrated, the protocol, and
+    the effects as a twin and as the set `corrected-NAME`.
 
-    noise (M,): the readings' standard deviation in the recording's unit. The set leaves out effects
-    that single samples, which have no time, cannot show.
+    noise_sd (M,): of the readings, in the recording's unit. The set is without effects that single
+    samples, which have no time, cannot show.
     """
     model = fit.problem.model
-    knobs = fit.theta[: len(model.calibrations)]
-    skin = {k: v for k, v in model.skin(knobs).metadata().items() if v is not None}
+    calibration = fit.theta[: len(model.calibrations)]
+    skin = {k: v for k, v in model.skin(calibration).metadata().items() if v is not None}
     if model.unit == "ohm":
         skin["current_A"] = ONE_AMPERE
-    effects = items(fit)
-    factor = model.calibration_values(knobs).get("factor", 1.0)
-    still = pd.DataFrame({"time_s": [0.0], "touch": [False], "force_N": [0.0]})
-    still = still.assign(x_mm=np.nan, y_mm=np.nan, probe_mm=np.nan)
+    effects = effect_items(fit)
+    factor = model.calibration_values(calibration).get("factor", 1.0)
+    states = pd.DataFrame({"time_s": [0.0], "touch": [False], "force_N": [0.0]})
+    states = states.assign(x_mm=np.nan, y_mm=np.nan, probe_mm=np.nan)
     untouched = simulate(
-        still,
+        states,
         np.array([-1]),
         Skin.from_metadata(skin),
         model.channels,
         fit.settings(),
-        model.accuracy(knobs, fit.settings()),
+        model.accuracy(calibration, fit.settings()),
         frame_s=model.frame_s,
         sink_grounded=model.sink_grounded,
         force_max_N=model.force_max_N,
     )
-    share = float(np.median(noise) / (factor * np.median(np.abs(untouched))))
-    protocol = _protocol(recorded)
+    share = float(np.median(noise_sd) / (factor * np.median(np.abs(untouched))))
+    protocol = _protocol(recording)
     return {
         "skin": skin,
         "protocol": protocol,
         "configurations": {
-            f"corrected-{_plain(name)}": {
-                "effects": [item for item in effects if _of_samples(item, model.channels)],
+            f"corrected-{_configuration_name(name)}": {
+                "effects": [item for item in effects if _is_timeless(item, model.channels)],
                 "noise": share,
                 "baseline": "averaged" if model.difference else "paired",
                 **LAYOUT,
@@ -79,28 +79,28 @@ def corrected(fit: Fit, recorded: Recording, noise: np.ndarray, name: str) -> di
     }
 
 
-def text(fit: Fit, recorded: Recording, noise: np.ndarray, name: str) -> str:
-    """`corrected` as YAML, with what a configuration cannot say in a comment."""
-    content = corrected(fit, recorded, noise, name)
+def yaml_text(fit: Fit, recording: Recording, noise_sd: np.ndarray, name: str) -> str:
+    """The configuration as YAML, with what a configuration cannot say in a comment."""
+    content = configuration(fit, recording, noise_sd, name)
     model = fit.problem.model
     (sets,) = content["configurations"].values()
-    said = [f"The corrected simulator of {name}: give it with --configfile."]
-    left = [i["name"] for i in content["twin"]["effects"] if i not in sets["effects"]]
-    if left:
-        said.append(f"In the twin alone, since samples have no time: {', '.join(left)}.")
+    comments = [f"The corrected simulator of {name}: give it with --configfile."]
+    timed = [i["name"] for i in content["twin"]["effects"] if i not in sets["effects"]]
+    if timed:
+        comments.append(f"In the twin alone, since samples have no time: {', '.join(timed)}.")
     if model.unit == "ohm":
-        said.append("Readings are volts at 1 A, which are the ohms that were recorded.")
+        comments.append("Readings are volts at 1 A, which are the ohms that were recorded.")
     elif model.unit == "arbitrary":
         factor = model.calibration_values(fit.theta[: len(model.calibrations)])["factor"]
-        said.append(f"Readings are volts; {factor!r} times as much is the recording's unit.")
+        comments.append(f"Readings are volts; {factor!r} times as much is the recording's unit.")
     if model.sink_grounded:
-        said.append("The source is simulated as floating; the recording's sink is grounded.")
-    lines = "".join(f"# {line}\n" for line in said)
-    plain: dict[str, Any] = {"sort_keys": False, "default_flow_style": None, "width": 100}
-    return lines + yaml.dump(content, Dumper=_Plain, **plain)
+        comments.append("The source is simulated as floating; the recording's sink is grounded.")
+    lines = "".join(f"# {line}\n" for line in comments)
+    style: dict[str, Any] = {"sort_keys": False, "default_flow_style": None, "width": 100}
+    return lines + yaml.dump(content, Dumper=_WithoutReferences, **style)
 
 
-class _Plain(yaml.SafeDumper):
+class _WithoutReferences(yaml.SafeDumper):
     """Writes what stands in two places twice, rather than a reference."""
 
     def ignore_aliases(self, data: object) -> bool:
@@ -108,7 +108,7 @@ class _Plain(yaml.SafeDumper):
         return True
 
 
-def _of_samples(item: dict, channels: np.ndarray) -> bool:
+def _is_timeless(item: dict, channels: np.ndarray) -> bool:
     """Whether samples without a time can show an effect."""
     try:
         sample_settings([item], site_counts(channels), (0, 0))
@@ -117,9 +117,9 @@ def _of_samples(item: dict, channels: np.ndarray) -> bool:
     return True
 
 
-def _protocol(recorded: Recording) -> dict:
+def _protocol(recording: Recording) -> dict:
     """Patterns that make the recording's channels; where there are none, the channels."""
-    channels, n = recorded.channels, recorded.n_electrodes
+    channels, n = recording.channels, recording.n_electrodes
     patterns = ["adjacent", "opposite", *(f"skip-{k}" for k in range(1, n - 1))]
     for drive in patterns:
         for measure in patterns:
@@ -132,6 +132,6 @@ def _protocol(recorded: Recording) -> dict:
     return {"drive": "adjacent", "measure": "adjacent", "channels": channels.tolist()}
 
 
-def _plain(name: str) -> str:
+def _configuration_name(name: str) -> str:
     """A name as the configuration has them, of a-z, 0-9 and -."""
     return re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") or "recording"

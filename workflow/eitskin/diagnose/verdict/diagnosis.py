@@ -1,4 +1,4 @@
-"""What a finished search is judged by: gaps to other names, atlases of residuals, the remainder."""
+"""What follows from a finished search: gaps to other names, atlases of residuals, the remainder."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -22,114 +22,119 @@ from eitskin.diagnose.search.refits import without_discrepancy
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.verdict.atlas import atlas
 from eitskin.diagnose.verdict.gaps import Gap, gaps, strengths
-from eitskin.diagnose.verdict.remainder import Other, other, unlike
+from eitskin.diagnose.verdict.remainder import Remainder, remainder, unlike_remainder
 from eitskin.diagnose.verdict.rivals import Rival, rivals
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What explains one recording, and what it was judged by.
+    """What explains one recording, and what that was tested with.
 
-    recording: as it was diagnosed, an excerpt of a long one; search: as it ended; before, after:
-    the explanations without effects and with them; reserve_mask (N, M): readings that the search
-    did not see; reserve: these, in the covariance of `after`; rig: its errors with their sds, as
-    diagnosis.json has them; named: the fit of `after`, nothing without a name in its covariance;
-    strengths: SNR of every name at a typical size. parts, steps: of a recording with steps in time,
-    as diagnosis.json has them; the part that is `told` is what this is of.
+    recording: as it was diagnosed, an excerpt of a long one; search: as it ended; baseline,
+    explanation: without effects and with them; reserve_mask (N, M): readings that the search did
+    not see; reserve: these, in the covariance of the explanation; rig_errors: with their sds, as
+    diagnosis.json has them; baseline_atlas, atlas: of the residuals of both; named_fit: that of the
+    explanation, nothing without a name in its covariance; gaps: of every effect, the nearest rival
+    first; strengths: SNR of every name at a typical size. parts, steps: of a recording with steps
+    in time, as diagnosis.json has them; this is the diagnosis of the part with the key `told`.
     """
 
     recording: Recording
     search: Search
     noise: NoiseModel
-    before: Explanation
-    after: Explanation
+    baseline: Explanation
+    explanation: Explanation
     reserve_mask: np.ndarray
     reserve: Reserve
-    rig: list[dict]
-    atlas_before: pd.DataFrame
-    atlas_after: pd.DataFrame
-    named: Fit
+    rig_errors: list[dict]
+    baseline_atlas: pd.DataFrame
+    atlas: pd.DataFrame
+    named_fit: Fit
     gaps: list[list[Gap]]
     strengths: dict[str, float]
-    other: Other
+    remainder: Remainder
     parts: tuple[dict, ...] = ()
     steps: tuple[dict, ...] = ()
 
     @cached_property
     def rivals(self) -> list[list[Rival]]:
         """What else could be in the place of each effect."""
-        return [rivals(self.search, self.after, i) for i in range(len(self.after.effects))]
+        count = len(self.explanation.effects)
+        return [rivals(self.search, self.explanation, i) for i in range(count)]
 
 
-def assessed(
-    recording: Recording,
-    noise: NoiseModel,
-    outcome: Outcome,
-    reserve: Reserve,
-    reserve_mask: np.ndarray,
-    white: Whitening,
-    was_cut_short: bool,
-) -> Diagnosis:
-    """The diagnosis that follows from the outcome of a search.
+@dataclass(frozen=True)
+class Data:
+    """A recording with its noise, as a search had them.
 
-    reserve_mask (N, M): of the readings of the reserve; white: the covariance of the recording's
-    noise alone; was_cut_short: whether a stage of the search was.
+    reserve: readings that the search did not see, in the covariance of its explanation;
+    reserve_mask (N, M): where these are; noise_whitening: the covariance of the noise alone.
     """
-    search, before, after = outcome
-    catalogue_p = refused_p_value(search, after)
-    if not after.effects:
-        before = after
-    rig = linearised_rig_errors(after.fit, search.problem.whitening, noise.converter_step)
+
+    recording: Recording
+    noise: NoiseModel
+    reserve: Reserve
+    reserve_mask: np.ndarray
+    noise_whitening: Whitening
+
+    def residual_atlas(self, fitted: Fit) -> pd.DataFrame:
+        """The atlas of the residual of a fit."""
+        mask = fitted.problem.whitening.mask
+        simulated = np.where(mask, fitted.voltage(), np.nan)
+        columns = fitted.jacobian.reshape(len(fitted.theta), -1).T
+        residual = np.where(mask, fitted.residual, np.nan)
+        return atlas(self.recording, residual, simulated / self.noise.sd, columns)
+
+    def named_fit(self, explanation: Explanation) -> Fit:
+        """The fit of an explanation where nothing without a name is in its covariance; beside
+        another instrument such a covariance has the noise alone."""
+        if replaces_instrument(explanation.effects):
+            problem = replace(explanation.fit.problem, whitening=self.noise_whitening)
+            return rewhitened(explanation.fit, problem)
+        named = without_discrepancy(explanation, explanation.fit)
+        if named is explanation.fit:
+            return named
+        return fit(named.problem, named.effects, named.theta, named.jacobian, polish=True)
+
+
+def assess(data: Data, outcome: Outcome, was_cut_short: bool) -> Diagnosis:
+    """The diagnosis that follows from the outcome of a search; was_cut_short: whether a stage of
+    the search was."""
+    search, baseline, explanation = outcome
+    catalogue_p = refused_p_value(search, explanation)
+    if not explanation.effects:
+        baseline = explanation
+    step, unit = data.noise.converter_step, data.recording.metadata["unit"]
+    rig = linearised_rig_errors(explanation.fit, search.problem.whitening, step)
     search.report("comparing with every other name")
-    distances = [gaps(search, after, i) for i in range(len(after.effects))]
+    distances = [gaps(search, explanation, i) for i in range(len(explanation.effects))]
     if search.spent or was_cut_short:
-        cut_short(search, after)
-    named = _named(after, white)
-    atlas_after = _atlas(recording, noise, named)
-    remainder = _remainder(search, after, atlas_after, catalogue_p)
-    unit = recording.metadata["unit"]
+        cut_short(search, explanation)
+    named_fit = data.named_fit(explanation)
+    residual_atlas = data.residual_atlas(named_fit)
+    unnamed = _remainder(search, explanation, residual_atlas, catalogue_p)
     return Diagnosis(
-        recording,
-        search,
-        noise,
-        before,
-        after,
-        reserve_mask,
-        reserve,
-        component_intervals(rig, after.error_sds, unit, noise),
-        _atlas(recording, noise, _named(before, white)),
-        atlas_after,
-        named,
-        distances,
-        strengths(search, after),
-        remainder,
+        recording=data.recording,
+        search=search,
+        noise=data.noise,
+        baseline=baseline,
+        explanation=explanation,
+        reserve_mask=data.reserve_mask,
+        reserve=data.reserve,
+        rig_errors=component_intervals(rig, explanation.error_sds, unit, data.noise),
+        baseline_atlas=data.residual_atlas(data.named_fit(baseline)),
+        atlas=residual_atlas,
+        named_fit=named_fit,
+        gaps=distances,
+        strengths=strengths(search, explanation),
+        remainder=unnamed,
     )
 
 
 def _remainder(
-    search: Search, after: Explanation, atlas_after: pd.DataFrame, catalogue_p: float
-) -> Other:
-    """What is said of what an explanation leaves, by the atlas of its residual."""
-    if is_unlike(search, after):
-        return unlike(likeness(search, after))
-    return other(atlas_after, catalogue_p)
-
-
-def _named(explanation: Explanation, white: Whitening) -> Fit:
-    """An explanation's fit where nothing without a name is in its covariance; white: of the
-    recording's noise alone, which is all that such a covariance has beside another instrument."""
-    if replaces_instrument(explanation.effects):
-        problem = replace(explanation.fit.problem, whitening=white)
-        return rewhitened(explanation.fit, problem)
-    named = without_discrepancy(explanation, explanation.fit)
-    if named is explanation.fit:
-        return named
-    return fit(named.problem, named.effects, named.theta, named.jacobian, polish=True)
-
-
-def _atlas(recording: Recording, noise: NoiseModel, fitted: Fit) -> pd.DataFrame:
-    mask = fitted.problem.whitening.mask
-    simulated = np.where(mask, fitted.voltage(), np.nan)
-    columns = fitted.jacobian.reshape(len(fitted.theta), -1).T
-    residual = np.where(mask, fitted.residual, np.nan)
-    return atlas(recording, residual, simulated / noise.sd, columns)
+    search: Search, explanation: Explanation, residual_atlas: pd.DataFrame, catalogue_p: float
+) -> Remainder:
+    """The remainder of an explanation, by the atlas of its residual."""
+    if is_unlike(search, explanation):
+        return unlike_remainder(likeness(search, explanation))
+    return remainder(residual_atlas, catalogue_p)

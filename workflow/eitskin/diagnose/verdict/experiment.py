@@ -1,8 +1,8 @@
-"""The next experiment: which frames, recorded after those that are there, tell two names apart.
+"""The next experiment: which further frames make two names distinguishable.
 
-Every recipe is simulated with the fitted model and the noise estimated, and the gap between the two
-names is that of `gaps` on the frames simulated. Gaps grow with the root of the number of frames in
-any case: only a recipe that does better than more of the same is worth its trouble.
+Every design is simulated with the fitted model and the estimated noise, and the gap between the two
+names is that of `gaps` on the simulated frames. Gaps grow with the root of the number of frames in
+any case: only a design that does better than more of the same is worth its trouble.
 """
 
 from collections.abc import Callable, Iterator
@@ -29,175 +29,202 @@ from eitskin.physics.skin import Skin
 from eitskin.physics.solver import EffortExceeded, forward_model
 from eitskin.quantities import listed, number
 
-MOST_PRESSES = 8  # on which recipes are compared
-MOST_TRIED = 2  # that are then simulated with every press and fitted ...
-SHARE = 0.5  # of what a diagnosis may solve: with it spent nothing more is tried
-WORTH = 0.5  # of the largest gap on those presses: recipes below it are not
-REPEATS = 4
-HARDER = 1.5  # times the forces
-HOLD_S, LOOK_S = 30.0, 10.0  # of a force held, and between its frames
+MOST_PRESSES = 8  # on which designs are compared: a linear gap takes a body's solution a press
+FINALISTS = 2  # of these designs, that are then simulated with every press and fitted ...
+BUDGET_SHARE = 0.5  # of what a diagnosis may solve: with it spent nothing more is tried
+FINALIST_SHARE = 0.5  # of the largest gap on those presses: designs below it are no finalists
+REPEATS = 4  # of the recording: a gap twice as large, by the root of the number of frames
+FORCE_FACTOR = 1.5  # a harder press that load cell and gel of a usual rig still stand
+HOLD_S, HOLD_STEP_S = 30.0, 10.0  # some relaxation times of a gel, and a frame each
 STATES = ["time_s", "touch", "x_mm", "y_mm", "force_N", "probe_mm"]
 NOTHING = "No experiment is needed to tell names apart."
 AS_IS = "leave it at that"
-SAME = f"repeat the recording until there are {REPEATS} of it"
+REPEAT = f"repeat the recording until there are {REPEATS} of it"
 TURN = "turn the connector by one electrode and record the same again"
 DRIVE = "record again, the driven electrodes measured too"
 
 
-def propose(found: Diagnosis) -> dict:
+def propose(diagnosis: Diagnosis) -> dict:
     """The experiment that splits the names which a diagnosis confuses, proved by simulation.
 
-    {sentence, pairs: [{a, b, gap_now, gap_then, recipe}]}: a is a name found, b one of its
-    alternatives or, where it has none, the nearest rival with a gap below CLEARLY_DISTINCT. Recipes
-    are compared on some of the presses; what is returned was simulated with all of them. What SHARE
-    leaves no room for, as it may of bodies, is not tried.
+    {sentence, pairs: [{a, b, gap_now, gap_then, recipe}]}: a is a name of the diagnosis, b one of
+    its alternatives or, where it has none, the nearest rival with a gap below CLEARLY_DISTINCT.
+    Designs are compared on some of the presses; what is returned was simulated with all of them.
+    What BUDGET_SHARE leaves no room for, as it may of bodies, is not tried.
     """
-    pairs = list(_pairs(found))
+    pairs = list(_pairs(diagnosis))
     if not pairs:
         return {"sentence": NOTHING, "pairs": []}
-    model = found.search.problem.model
-    every = np.arange(len(model.press))
-    stride = -(-(model.press.max() + 1) // MOST_PRESSES)
-    some = np.where(model.press < 0, every, model.press) % max(stride, 1) == 0
-    whole = _recipes(found, every)
-    few = whole if some.all() else _recipes(found, np.flatnonzero(some))
-    budget = Budget(SHARE * found.search.budget)
-    told = [_best(found, few, whole, budget, *pair) for pair in pairs]
-    return {"sentence": _sentence(told), "pairs": told}
+    press = diagnosis.search.problem.model.press
+    rows = np.arange(len(press))
+    stride = -(-(press.max() + 1) // MOST_PRESSES)
+    sampled_mask = np.where(press < 0, rows, press) % max(stride, 1) == 0
+    designs = _designs(diagnosis, rows)
+    is_complete = sampled_mask.all()
+    sample = designs if is_complete else _designs(diagnosis, np.flatnonzero(sampled_mask))
+    budget = Budget(BUDGET_SHARE * diagnosis.search.budget)
+    splits = [_best_split(diagnosis, sample, designs, budget, pair) for pair in pairs]
+    return {"sentence": _sentence(splits), "pairs": splits}
 
 
 @dataclass
 class Budget:
-    """Sheets that may still be solved."""
+    """How many sheets may still be solved."""
 
-    left: float
+    sheets: float
 
 
 @dataclass(frozen=True)
-class Recipe:
-    """One experiment, set up: what makes its simulator, anew for each use, as a simulator keeps
-    what it solved; its covariance; more: how many frames there are for one of the recording's."""
+class Pair:
+    """Effect `index` of a diagnosis and the name of a rival, with the gap between them."""
+
+    index: int
+    rival: str
+    gap: float
+
+
+@dataclass(frozen=True)
+class Design:
+    """One experiment, set up.
+
+    simulator: makes its simulator, anew for each use, as a simulator keeps what it solved;
+    whitening: its covariance; frame_ratio: how many frames there are for one of the recording's.
+    """
 
     simulator: Callable[[], RecordingSimulator]
     whitening: Whitening
-    more: float
+    frame_ratio: float
 
     def gap(
-        self, found: Diagnosis, budget: Budget, index: int, rival: str, within: float = np.inf
+        self,
+        diagnosis: Diagnosis,
+        budget: Budget,
+        index: int,
+        rival: str,
+        within: float = np.inf,
     ) -> float | None:
         """Gap between effect `index` and a rival name in this experiment, within as of `gaps`;
-        None: not to be had, or not with what is left of the budget."""
+        None: it cannot be computed, or not within the budget."""
         model = self.simulator()
-        model.coarse = found.search.problem.model.coarse  # as what the gap now was found with
-        if EFFECTS[rival].disc and isinstance(model, _Turned):
+        model.coarse = diagnosis.search.problem.model.coarse  # as for the gap of the recording
+        if EFFECTS[rival].disc and isinstance(model, _TurnedConnector):
             return None  # its tangents have every channel where the board's table has it
-        effects, theta = found.after.effects, found.after.fit.theta
-        candidates = [c for c in found.search.candidates if c.name == rival]
+        effects, theta = diagnosis.explanation.effects, diagnosis.explanation.fit.theta
+        candidates = [c for c in diagnosis.search.candidates if c.name == rival]
         problem = Problem(model, np.zeros(1), self.whitening)
         try:
-            with model.solved_skins.within(budget.left):
+            with model.solved_skins.within(budget.sheets):
                 problem = replace(problem, readings=model.voltage(*problem.split(theta, effects)))
                 fold = np.zeros(len(problem.readings), int)
-                seed, report = found.search.seed, lambda line: None
+                seed, report = diagnosis.search.seed, lambda line: None
                 search = Search(problem, candidates, fold, seed, report)
-                state = explain(search, fit(problem, effects, theta))
-                named = gaps(search, state, index, within)
+                explanation = explain(search, fit(problem, effects, theta))
+                distances = gaps(search, explanation, index, within)
         except (InputError, np.linalg.LinAlgError, EffortExceeded):
             return None
         finally:
-            budget.left -= model.solved_skins.effort
-        return named[0].gap if named else None
+            budget.sheets -= model.solved_skins.effort
+        return distances[0].gap if distances else None
 
 
-def _pairs(found: Diagnosis) -> Iterator[tuple[int, str, float]]:
-    """Effect, rival and gap of what a diagnosis cannot tell apart, or hardly."""
-    for index, named in enumerate(found.gaps):
-        confused = [each for each in named if not DISTINCT.admits(each.gap)]
-        for each in confused or [
-            each for each in named[:1] if not CLEARLY_DISTINCT.admits(each.gap)
+def _pairs(diagnosis: Diagnosis) -> Iterator[Pair]:
+    """What a diagnosis cannot distinguish, or hardly."""
+    for index, distances in enumerate(diagnosis.gaps):
+        confused = [rival for rival in distances if not DISTINCT.admits(rival.gap)]
+        for rival in confused or [
+            nearest for nearest in distances[:1] if not CLEARLY_DISTINCT.admits(nearest.gap)
         ]:
-            yield index, each.rival, each.gap
+            yield Pair(index, rival.rival, rival.gap)
 
 
-def _best(
-    found: Diagnosis,
-    few: dict[str, Recipe],
-    whole: dict[str, Recipe],
+def _best_split(
+    diagnosis: Diagnosis,
+    sample: dict[str, Design],
+    designs: dict[str, Design],
     budget: Budget,
-    index: int,
-    rival: str,
-    gap_now: float,
+    pair: Pair,
 ) -> dict:
-    """The pair with the recipe that splits it best, of those that beat more of the same frame by
-    frame; more of the same where none does."""
-    pair = {"a": found.after.effects[index].name, "b": rival, "gap_now": gap_now}
+    """The pair with the design that splits it best, of those that beat more of the same frame by
+    frame; more of the same where none does. sample: the designs on some of the presses."""
 
-    def beating(recipes: dict[str, Recipe], now: float, within: float) -> dict[str, float]:
-        gap = {text: r.gap(found, budget, index, rival, within) for text, r in recipes.items()}
+    def beating(choice: dict[str, Design], gap_now: float, within: float) -> dict[str, float]:
+        gap = {
+            text: design.gap(diagnosis, budget, pair.index, pair.rival, within)
+            for text, design in choice.items()
+        }
         return {
-            text: own
-            for text, recipe in recipes.items()
-            if (own := gap[text]) is not None and own > now * np.sqrt(recipe.more)
+            text: new_gap
+            for text, design in choice.items()
+            if (new_gap := gap[text]) is not None
+            and new_gap > gap_now * np.sqrt(design.frame_ratio)
         }
 
-    special = {text: recipe for text, recipe in few.items() if text not in (AS_IS, SAME)}
-    now = gap_now if few is whole else few[AS_IS].gap(found, budget, index, rival)
-    tried = beating(special, now or 0.0, CLOSE * DISTINCT.threshold)
-    worth = WORTH * max(tried.values(), default=0.0)
-    rising = sorted(tried, key=tried.__getitem__)
-    first = [text for text in rising if tried[text] >= worth][-MOST_TRIED:]
-    tried = beating({text: whole[text] for text in first}, gap_now, np.inf)
-    if not DISTINCT.admits(max(tried.values(), default=0.0)):
-        same = whole[SAME].gap(found, budget, index, rival)
-        tried[SAME] = gap_now if same is None else same
-    best = max(tried, key=tried.__getitem__)
-    return {**pair, "gap_then": tried[best], "recipe": best}
+    special = {text: design for text, design in sample.items() if text not in (AS_IS, REPEAT)}
+    gap_now: float | None = pair.gap
+    if sample is not designs:
+        gap_now = sample[AS_IS].gap(diagnosis, budget, pair.index, pair.rival)
+    new_gaps = beating(special, gap_now or 0.0, CLOSE * DISTINCT.threshold)
+    required = FINALIST_SHARE * max(new_gaps.values(), default=0.0)
+    rising = sorted(new_gaps, key=new_gaps.__getitem__)
+    finalists = [text for text in rising if new_gaps[text] >= required][-FINALISTS:]
+    new_gaps = beating({text: designs[text] for text in finalists}, pair.gap, np.inf)
+    if not DISTINCT.admits(max(new_gaps.values(), default=0.0)):
+        repeated = designs[REPEAT].gap(diagnosis, budget, pair.index, pair.rival)
+        new_gaps[REPEAT] = pair.gap if repeated is None else repeated
+    best = max(new_gaps, key=new_gaps.__getitem__)
+    return {
+        "a": diagnosis.explanation.effects[pair.index].name,
+        "b": pair.rival,
+        "gap_now": pair.gap,
+        "gap_then": new_gaps[best],
+        "recipe": best,
+    }
 
 
-def _sentence(pairs: list[dict]) -> str:
-    """What to do and what it would bring, the pairs that one recipe splits together."""
-    parts, in_vain = [], []
-    by_recipe: dict[str, list[str]] = {}
-    for pair in pairs:
-        now, then = number(pair["gap_now"], 2), number(pair["gap_then"], 2)
-        names = f"{pair['a']} from {pair['b']}"
-        if not DISTINCT.admits(pair["gap_then"]):
-            in_vain.append(f"{names} (gap {now} now, {then} at best)")
+def _sentence(splits: list[dict]) -> str:
+    """What to do and what it would bring, the pairs that one design splits together."""
+    parts, unsplit = [], []
+    by_design: dict[str, list[str]] = {}
+    for split in splits:
+        gap_now, gap_then = number(split["gap_now"], 2), number(split["gap_then"], 2)
+        names = f"{split['a']} from {split['b']}"
+        if not DISTINCT.admits(split["gap_then"]):
+            unsplit.append(f"{names} (gap {gap_now} now, {gap_then} at best)")
         else:
-            split = f"{names} (gap {now} now, {then} then)"
-            by_recipe.setdefault(pair["recipe"], []).append(split)
-    for recipe, splits in by_recipe.items():
-        parts.append(f"{recipe[0].upper()}{recipe[1:]}: that would tell {listed(splits)}.")
-    if in_vain:
-        parts.append(f"Nothing tried would tell {listed(in_vain)}.")
+            text = f"{names} (gap {gap_now} now, {gap_then} then)"
+            by_design.setdefault(split["recipe"], []).append(text)
+    for design, texts in by_design.items():
+        parts.append(f"{design[0].upper()}{design[1:]}: that would tell {listed(texts)}.")
+    if unsplit:
+        parts.append(f"Nothing tried would tell {listed(unsplit)}.")
     return " ".join(parts) or NOTHING
 
 
-def _recipes(found: Diagnosis, rows: np.ndarray) -> dict[str, Recipe]:
+def _designs(diagnosis: Diagnosis, rows: np.ndarray) -> dict[str, Design]:
     """Everything that can be tried with the rig of a recording, by what to do; rows (N,): the
     frames that count as recorded."""
-    problem = found.search.problem
-    run = _Run(found.recording, problem.model, rows)
-    again = run.again()
-    more = pd.concat([run.again(1 + k) for k in range(REPEATS - 1)], ignore_index=True)
-    recipes = {}
-    for text, frames in {AS_IS: again[:0], SAME: more, **run.presses()}.items():
-        simulator = partial(RecordingSimulator, found.recording, run.joined(frames))
-        recipes[text] = run.recipe(simulator, problem.whitening, len(frames))
-    turned = partial(_Turned, found.recording, run, again)
-    recipes[TURN] = run.recipe(turned, problem.whitening, len(again))
-    driven = _driven(found, run)
+    problem, recording = diagnosis.search.problem, diagnosis.recording
+    sequel = _Sequel(recording, problem.model, rows)
+    repeat = sequel.repeated()
+    repeats = pd.concat([sequel.repeated(1 + k) for k in range(REPEATS - 1)], ignore_index=True)
+    designs = {}
+    for text, frames in {AS_IS: repeat[:0], REPEAT: repeats, **sequel.presses()}.items():
+        simulator = partial(RecordingSimulator, recording, sequel.joined(frames))
+        designs[text] = sequel.design(simulator, problem.whitening, len(frames))
+    turned = partial(_TurnedConnector, recording, sequel, repeat)
+    designs[TURN] = sequel.design(turned, problem.whitening, len(repeat))
+    driven = _driven_design(diagnosis, sequel)
     if driven is not None:
-        recipes[DRIVE] = driven
-    return recipes
+        designs[DRIVE] = driven
+    return designs
 
 
 @dataclass(frozen=True)
-class _Run:
-    """Frames (N,) of a recording, to be recorded anew after its end as far as they can be
-    simulated."""
+class _Sequel:
+    """What could be recorded after the end of a recording: its frames (N,) once more, as far as
+    they can be simulated."""
 
-    recorded: Recording
+    recording: Recording
     model: RecordingSimulator
     frames: np.ndarray
 
@@ -208,94 +235,99 @@ class _Run:
 
     @cached_property
     def waits_s(self) -> np.ndarray:
-        """s from the frame before, of all the recording's; to the first the usual one."""
-        steps = np.diff(self.recorded.frames["time_s"].to_numpy(float))
+        """s from the previous frame, of all the recording's; to the first the median one."""
+        steps = np.diff(self.recording.frames["time_s"].to_numpy(float))
         return np.r_[np.median(steps) if len(steps) else 1.0, steps]
 
-    def again(self, times: int = 1) -> pd.DataFrame:
+    def repeated(self, times: int = 1) -> pd.DataFrame:
         """The frames once more, as the `times`-th repeat."""
         return self._timed(self.rows, self.waits_s[self.rows], times)
 
     def _timed(self, rows: np.ndarray, waits_s: np.ndarray, times: int = 1) -> pd.DataFrame:
-        """Frames (K,) of the recording in a new order, each so long after the one before."""
-        time_s = self.recorded.frames["time_s"].to_numpy(float)
+        """Frames (K,) of the recording in a new order, each so long after the previous one."""
+        time_s = self.recording.frames["time_s"].to_numpy(float)
         start = time_s[-1] + (times - 1) * self.waits_s[self.rows].sum()
-        frames = self.recorded.frames[STATES].iloc[rows].reset_index(drop=True)
+        frames = self.recording.frames[STATES].iloc[rows].reset_index(drop=True)
         press = self.model.press[rows]
         contact = np.where(press < 0, np.nan, press + times * (self.model.press.max() + 1))
         return frames.assign(time_s=start + np.cumsum(waits_s), contact=contact)
 
     def query(self, frames: pd.DataFrame) -> Recording:
         """Frames without readings, of this recording's rig."""
-        return Recording(frames, None, None, None, self.recorded.metadata)
+        return Recording(frames, None, None, None, self.recording.metadata)
 
     def joined(self, frames: pd.DataFrame) -> Recording:
-        """A query: the recording's frames, then others."""
+        """A query: the recording's frames, then new ones."""
         press = self.model.press
-        own = self.recorded.frames[STATES].assign(contact=np.where(press < 0, np.nan, press))
-        return self.query(pd.concat([own.iloc[self.frames], frames], ignore_index=True))
+        contact = np.where(press < 0, np.nan, press)
+        recorded_frames = self.recording.frames[STATES].assign(contact=contact)
+        joined = pd.concat([recorded_frames.iloc[self.frames], frames], ignore_index=True)
+        return self.query(joined)
 
-    def recipe(
-        self, simulator: Callable[[], RecordingSimulator], whitening: Whitening, new: int
-    ) -> Recipe:
-        """A recipe with so many new frames; a channel that was always lost stays lost."""
-        more = np.tile(whitening.mask.any(axis=0), (new, 1))
-        mask = np.concatenate([whitening.mask[self.frames], more])
-        clock = self.recorded.frames["frame"].to_numpy()
-        clock = np.concatenate([clock[self.frames], clock[-1] + 1 + np.arange(new)])
-        whitening = replace(whitening, mask=mask, frame_number=clock)
-        return Recipe(simulator, whitening, 1.0 + new / len(self.frames))
+    def design(
+        self, simulator: Callable[[], RecordingSimulator], whitening: Whitening, new_frames: int
+    ) -> Design:
+        """A design with so many new frames; a channel that was always lost stays lost."""
+        new_mask = np.tile(whitening.mask.any(axis=0), (new_frames, 1))
+        mask = np.concatenate([whitening.mask[self.frames], new_mask])
+        numbers = self.recording.frames["frame"].to_numpy()
+        new_numbers = numbers[-1] + 1 + np.arange(new_frames)
+        frame_number = np.concatenate([numbers[self.frames], new_numbers])
+        whitening = replace(whitening, mask=mask, frame_number=frame_number)
+        return Design(simulator, whitening, 1.0 + new_frames / len(self.frames))
 
     def presses(self) -> dict[str, pd.DataFrame]:
         """Other presses, by what to do."""
         touched = self.rows[self.model.touched[self.rows]]
         if not len(touched):
             return {}
-        again = self.again()
+        repeat = self.repeated()
         plans = {
-            "press again at the same places with a probe half as wide": again.assign(
-                probe_mm=0.5 * again["probe_mm"]
+            "press again at the same places with a probe half as wide": repeat.assign(
+                probe_mm=0.5 * repeat["probe_mm"]
             ),
-            "press again at the same places with a probe twice as wide": again.assign(
-                probe_mm=2.0 * again["probe_mm"]
+            "press again at the same places with a probe twice as wide": repeat.assign(
+                probe_mm=2.0 * repeat["probe_mm"]
             ),
-            "press at as many other places": self._elsewhere(again),
-            f"press again with {HARDER:g} times the force": again.assign(
-                force_N=HARDER * again["force_N"]
+            "press at as many other places": self._elsewhere(repeat),
+            f"press again with {FORCE_FACTOR:g} times the force": repeat.assign(
+                force_N=FORCE_FACTOR * repeat["force_N"]
             ),
         }
         peaks = self._peaks()
-        back = {rows[-1]: rows[:-1][::-1] for rows in peaks.values()}
-        if any(map(len, back.values())):
+        unloading = {rows[-1]: rows[:-1][::-1] for rows in peaks.values()}
+        if any(map(len, unloading.values())):
             text = "press again, and read the same forces on the way back"
-            plans[text] = self._inserted(back, None)
-        if self.recorded.metadata["clock"] == "measured":
-            count = round(HOLD_S / LOOK_S)
-            held = {rows[-1]: np.full(count, rows[-1]) for rows in peaks.values()}
+            plans[text] = self._inserted(unloading, None)
+        if self.recording.metadata["clock"] == "measured":
+            count = round(HOLD_S / HOLD_STEP_S)
+            holding = {rows[-1]: np.full(count, rows[-1]) for rows in peaks.values()}
             text = (
                 f"press again, and hold each press at its largest force for {HOLD_S:g} s,"
-                f" with a frame every {LOOK_S:g} s"
+                f" with a frame every {HOLD_STEP_S:g} s"
             )
-            plans[text] = self._inserted(held, LOOK_S)
+            plans[text] = self._inserted(holding, HOLD_STEP_S)
         return plans
 
     def _peaks(self) -> dict[int, np.ndarray]:
         """Of each press the frames up to its largest force."""
-        force = self.recorded.frames["force_N"].to_numpy(float)
-        found = {}
+        force = self.recording.frames["force_N"].to_numpy(float)
+        peaks = {}
         for press in np.unique(self.model.press[self.rows]):
             rows = self.rows[self.model.press[self.rows] == press]
             if press >= 0:
-                found[press] = rows[: int(np.argmax(force[rows])) + 1]
-        return found
+                peaks[press] = rows[: int(np.argmax(force[rows])) + 1]
+        return peaks
 
-    def _inserted(self, after: dict[int, np.ndarray], wait_s: float | None) -> pd.DataFrame:
-        """The frames once more, others after some of them, each `wait_s` later or as usual."""
+    def _inserted(self, insertions: dict[int, np.ndarray], wait_s: float | None) -> pd.DataFrame:
+        """The frames once more, further ones after some of them, each `wait_s` later or as
+        usual."""
         rows, waits = [], []
         for row in self.rows:
-            more = after.get(row, np.zeros(0, int))
-            rows += [row, *more]
-            waits += [self.waits_s[row], *np.full(len(more), wait_s or np.median(self.waits_s))]
+            insertion = insertions.get(row, np.zeros(0, int))
+            rows += [row, *insertion]
+            wait = wait_s or np.median(self.waits_s)
+            waits += [self.waits_s[row], *np.full(len(insertion), wait)]
         return self._timed(np.array(rows), np.array(waits))
 
     def _elsewhere(self, frames: pd.DataFrame) -> pd.DataFrame:
@@ -303,45 +335,46 @@ class _Run:
         electrode."""
         place = frames["x_mm"].to_numpy() + 1j * frames["y_mm"].to_numpy()
         middle = 0.0
-        if self.recorded.metadata["position_frame"] == "robot":
+        if self.recording.metadata["position_frame"] == "robot":
             middle = np.nanmean(place)
-        turn = np.exp(1j * (0.5 * np.pi + np.pi / self.recorded.n_electrodes))
+        turn = np.exp(1j * (0.5 * np.pi + np.pi / self.recording.n_electrodes))
         place = middle + turn * (place - middle)
         return frames.assign(x_mm=place.real, y_mm=place.imag)
 
 
-def _driven(found: Diagnosis, run: _Run) -> Recipe | None:
+def _driven_design(diagnosis: Diagnosis, sequel: _Sequel) -> Design | None:
     """The frames again with every measuring pair in every drive, those on driven electrodes too;
     None where all are read, or where an effect stands at channels of the table as it is.
 
     The new frames count alone: those recorded, with another table, can only add to the gap. Noise
     and numerical error grow with the reading where it is larger than the median of those recorded.
     """
-    recorded, whitening = found.recording, found.search.problem.whitening
-    table = recorded.channels
+    recording, whitening = diagnosis.recording, diagnosis.search.problem.whitening
+    effects = diagnosis.explanation.effects
+    table = recording.channels
     drives, pairs = np.unique(table[:, :2], axis=0), np.unique(table[:, 2:], axis=0)
-    full = np.array([(*drive, *pair) for drive in drives for pair in pairs])
-    if len(full) <= len(table) or any(c.kind == "channels" for c in found.after.effects):
+    full_table = np.array([(*drive, *pair) for drive in drives for pair in pairs])
+    if len(full_table) <= len(table) or any(c.kind == "channels" for c in effects):
         return None
-    again = run.again()
-    metadata = recorded.metadata | {"channels": full.tolist()}
-    query = replace(run.query(again), metadata=metadata)
-    simulator = partial(RecordingSimulator, recorded, query)
-    model = run.model
-    skin = model.skin(found.after.fit.theta[: len(model.calibrations)])
+    repeat = sequel.repeated()
+    metadata = recording.metadata | {"channels": full_table.tolist()}
+    query = replace(sequel.query(repeat), metadata=metadata)
+    simulator = partial(RecordingSimulator, recording, query)
+    model = sequel.model
+    skin = model.skin(diagnosis.explanation.fit.theta[: len(model.calibrations)])
     forward = forward_model(Geometry.from_skin(skin), "diagnose")
     try:
-        reading = np.abs(forward.voltages(full))
+        reading = np.abs(forward.voltages(full_table))
     except InputError:
         return None
-    larger = np.maximum(reading / np.median(np.abs(forward.voltages(table))), 1.0)
-    rho = np.full(len(full), np.median(whitening.offset_ratio))
-    mask = np.ones((len(again), len(full)), bool)
-    covariance = Whitening(mask, np.median(whitening.sd) * larger, rho)
-    return Recipe(simulator, covariance, 1.0 + len(again) / len(run.frames))
+    growth = np.maximum(reading / np.median(np.abs(forward.voltages(table))), 1.0)
+    rho = np.full(len(full_table), np.median(whitening.offset_ratio))
+    mask = np.ones((len(repeat), len(full_table)), bool)
+    covariance = Whitening(mask, np.median(whitening.sd) * growth, rho)
+    return Design(simulator, covariance, 1.0 + len(repeat) / len(sequel.frames))
 
 
-class _Rolled(RecordingSimulator):
+class _RolledElectrodes(RecordingSimulator):
     """The board's electrodes, each on the place of the next."""
 
     def skin(self, coordinates: np.ndarray) -> Skin:
@@ -351,29 +384,33 @@ class _Rolled(RecordingSimulator):
         return replace(skin, electrode_deg=tuple(np.roll(skin.electrode_deg, -1).tolist()))
 
 
-class _Turned(RecordingSimulator):
+class _TurnedConnector(RecordingSimulator):
     """A recording's frames, and frames after the connector was turned by one electrode: what is on
     the skin has gone to another terminal, what is in the wiring and the instrument stays."""
 
-    def __init__(self, recorded: Recording, run: _Run, again: pd.DataFrame):
-        super().__init__(recorded, run.joined(again))
-        self._before = RecordingSimulator(
-            recorded, run.joined(again[:0]), solved_skins=self.solved_skins
+    def __init__(self, recording: Recording, sequel: _Sequel, frames: pd.DataFrame):
+        super().__init__(recording, sequel.joined(frames))
+        recorded_frames = sequel.joined(frames[:0])
+        self._recorded_part = RecordingSimulator(
+            recording, recorded_frames, solved_skins=self.solved_skins
         )
-        self._after = _Rolled(recorded, run.query(again), solved_skins=self.solved_skins)
+        self._turned_part = _RolledElectrodes(
+            recording, sequel.query(frames), solved_skins=self.solved_skins
+        )
 
     def voltage(
-        self, coordinates: np.ndarray, chosen: list[Setting], accuracy: str | None = None
+        self, coordinates: np.ndarray, settings: list[Setting], accuracy: str | None = None
     ) -> np.ndarray:
         """(N, M) as of `RecordingSimulator`."""
-        accuracy = accuracy or self.accuracy(coordinates, chosen)
+        accuracy = accuracy or self.accuracy(coordinates, settings)
         assert self.nominal_skin.electrode_deg is not None
         n = len(self.nominal_skin.electrode_deg)
-        moved = [
+        turned_settings = [
             replace(s, sites=(s.sites - 1) % n)
             if s.effect.stage == "skin" and s.sites is not None
             else s
-            for s in chosen
+            for s in settings
         ]
-        before = self._before.voltage(coordinates, chosen, accuracy)
-        return np.concatenate([before, self._after.voltage(coordinates, moved, accuracy)])
+        recorded_part = self._recorded_part.voltage(coordinates, settings, accuracy)
+        turned_part = self._turned_part.voltage(coordinates, turned_settings, accuracy)
+        return np.concatenate([recorded_part, turned_part])

@@ -1,8 +1,9 @@
-"""What a recording can tell apart: SNR gaps between names, and what it cannot show at all.
+"""What a recording can distinguish: SNR gaps between names, and what it cannot show at all.
 
-The gap of a found effect to another name is the length, in noise units, of what is left of its
-signature once the other has been fitted to it with site and amplitude free, calibrations and the
-other found effects following. An amplitude may be 0: no gap is larger than the signature.
+The gap of a named effect to another name is the length, in noise units, of the part of its
+signature that remains when the other has been fitted to it with site and amplitude free, the
+calibrations and the other named effects following. An amplitude may be 0: no gap is larger than the
+signature.
 """
 
 from dataclasses import dataclass, replace
@@ -24,16 +25,21 @@ from eitskin.diagnose.search.refits import linearised, reduced
 from eitskin.diagnose.search.refits import rough as rough_problem
 from eitskin.diagnose.search.screen import explained, sparse
 from eitskin.diagnose.search.search import Search
-from eitskin.diagnose.verdict.identities import TWO_SIDED, declared
+from eitskin.diagnose.verdict.identities import is_two_sided, other_sides
+from eitskin.effects.effect import Setting
 from eitskin.errors import InputError
 
-CLOSE = 6.0  # a linear gap, times this, under which the rival is fitted on the nonlinear model
-MOST_FITTED = 5
+CLOSE = 6.0  # times DISTINCT: a linear gap below it may shrink to a class on the nonlinear model
+MOST_FITTED = 5  # rivals a name, as each costs some hundred sheets
+# Of signatures so strong, a linear gap is trusted that is so large a share of them, except those of
+# the nearest: the nonlinear part of a strong effect imitates no third name.
+STRONG_SNR, STRONG_SHARE, NEAREST_FITTED = 20.0, 0.2, 3
 
 
 @dataclass(frozen=True)
 class Gap:
-    """A rival name's distance from a found effect's signature; snr: the signature's own length."""
+    """Distance of a rival name from the signature of a named effect, and the length of that
+    signature; both in noise units."""
 
     rival: str
     gap: float
@@ -41,21 +47,21 @@ class Gap:
 
 
 def gaps(
-    search: Search, state: Explanation, index: int, within: float = CLOSE * DISTINCT.threshold
+    search: Search, explanation: Explanation, index: int, within: float = CLOSE * DISTINCT.threshold
 ) -> list[Gap]:
-    """Gap of effect `index` of a state to every other name, the nearest first.
+    """Gap of effect `index` of an explanation to every other name, the nearest first.
 
     within: the linear gap under which the nearest are fitted on the nonlinear model.
     """
-    effect = state.effects[index]
+    effect = explanation.effects[index]
     if is_wiring_fault(effect):
-        return _gross_gaps(search, state, index)
+        return _gross_gaps(search, explanation, index)
     if search.starts_far(effect):
-        return _gaps_afar(search, state, index, within)
-    less = reduced(search, state, index)
-    problem = state.fit.problem
-    target = replace(problem, readings=state.fit.voltage())
-    tangents = Tangents(rewhitened(less.fit, problem), [linearised(search, less)])
+        return _gaps_afar(search, explanation, index, within)
+    reduced_set = reduced(search, explanation, index)
+    problem = explanation.fit.problem
+    target = replace(problem, readings=explanation.fit.voltage())
+    tangents = Tangents(rewhitened(reduced_set.fit, problem), [linearised(search, reduced_set)])
     change = problem.whitening(target.readings - tangents.voltage)
     signature = tangents.project_out(change.ravel())
     snr = float(np.sqrt(signature @ signature))
@@ -69,70 +75,70 @@ def gaps(
     ranked = sorted(best.items(), key=lambda pair: pair[1][0])
     nearest: dict[str, float] = {}
     for rank, (name, (gap, candidate)) in enumerate(ranked):
-        strong = snr > 20.0 and gap > 0.2 * snr and rank > 2
-        worth = rank < MOST_FITTED and gap < within and not strong
-        worth = worth or (not DISTINCT.admits(gap) and name in TWO_SIDED)
+        is_strong = snr > STRONG_SNR and gap > STRONG_SHARE * snr and rank >= NEAREST_FITTED
+        is_near = rank < MOST_FITTED and gap < within and not is_strong
+        is_near = is_near or (not DISTINCT.admits(gap) and is_two_sided(name))
         fitted = None
-        if worth and candidate.size and not search.spent:
-            fitted = _fitted(target, tangents, less.effects, candidate)
+        if is_near and candidate.size and not search.spent:
+            fitted = _fitted(target, tangents, reduced_set.effects, candidate)
         if fitted is not None:
             gap = min(gap, float(np.sqrt(fitted.chi2)))
-            _declare_rival(nearest, search, state, fitted, gap)
+            _declare_rival(nearest, search, explanation, fitted, gap)
         nearest[name] = min(float(gap), nearest.get(name, np.inf))
-    return _ranked(nearest, search, state, index, snr)
+    return _ranked(nearest, search, explanation, index, snr)
 
 
 def _ranked(
-    nearest: dict[str, float], search: Search, state: Explanation, index: int, snr: float
+    nearest: dict[str, float], search: Search, explanation: Explanation, index: int, snr: float
 ) -> list[Gap]:
     """Gaps of names, those of the effect's identities among them, the nearest first."""
-    _declare(nearest, search, state, index, 0.0)
-    nearest.pop(state.effects[index].name, None)
-    found = [Gap(name, min(gap, snr), snr) for name, gap in nearest.items()]
-    return sorted(found, key=lambda g: g.gap)
+    _declare(nearest, search, explanation, index, 0.0)
+    nearest.pop(explanation.effects[index].name, None)
+    distances = [Gap(name, min(gap, snr), snr) for name, gap in nearest.items()]
+    return sorted(distances, key=lambda g: g.gap)
 
 
 def _declare(
-    nearest: dict[str, float], search: Search, state: Explanation, index: int, gap: float
+    nearest: dict[str, float], search: Search, explanation: Explanation, index: int, gap: float
 ) -> None:
-    """Puts the other sides of an effect's identities among the nearest names; gap: the effect's own
-    to what was found, beyond which they may be."""
-    for identity, side in declared(search, state, index):
-        for name in identity.instead:
+    """Puts the other sides of an effect's identities among the nearest names; gap: that of the
+    effect itself, which may exceed theirs."""
+    for identity, side in other_sides(search, explanation, index):
+        for name in identity.names:
             nearest[name] = min(max(gap, side.gap), nearest.get(name, np.inf))
 
 
 def _declare_rival(
-    nearest: dict[str, float], search: Search, state: Explanation, fitted: Fit, gap: float
+    nearest: dict[str, float], search: Search, explanation: Explanation, fitted: Fit, gap: float
 ) -> None:
-    """The same of a rival, the last effect of its fit, that could be what was found."""
-    if not DISTINCT.admits(gap) and fitted.effects[-1].name in TWO_SIDED:
-        trial = replace(state, fit=fitted)
+    """The same of a rival, the last effect of its fit, where its gap makes it a possible cause."""
+    if not DISTINCT.admits(gap) and is_two_sided(fitted.effects[-1].name):
+        trial = replace(explanation, fit=fitted)
         _declare(nearest, search, trial, len(fitted.effects) - 1, gap)
 
 
-def _gaps_afar(search: Search, state: Explanation, index: int, within: float) -> list[Gap]:
-    """Of an effect that no tangent leads to: its signature is what the rest, fitted to it, leaves,
-    and every rival within reach is fitted too; what a tangent promises is not kept so far away.
+def _gaps_afar(search: Search, explanation: Explanation, index: int, within: float) -> list[Gap]:
+    """Of an effect that no tangent leads to: its signature is the residual of the other effects
+    fitted to it, and every rival within reach is fitted too, as tangents mislead so far away.
     Rivals that cannot be fitted, or would cost bodies when no more may be solved, have no gap."""
-    less, problem = reduced(search, state, index), state.fit.problem
-    target = replace(problem, readings=state.fit.voltage())
-    rough = replace(rough_problem(search, less), readings=target.readings)
-    rest = _fitted_best(target, less)
-    tangents = Tangents(rest)
-    snr = float(np.sqrt(rest.chi2))
+    reduced_set, problem = reduced(search, explanation, index), explanation.fit.problem
+    target = replace(problem, readings=explanation.fit.voltage())
+    rough = replace(rough_problem(search, reduced_set), readings=target.readings)
+    rest_fit = _best_fit(target, reduced_set)
+    tangents = Tangents(rest_fit)
+    snr = float(np.sqrt(rest_fit.chi2))
     best: dict[str, tuple[float, Candidate]] = {}
-    for candidate in _rivals(search.candidates, state.effects[index]):
+    for candidate in _rivals(search.candidates, explanation.effects[index]):
         if far_starts.is_far(candidate):
             if search.spent:
                 continue
-            misfit, _ = far_starts.start(rough, less.effects, rest.theta, [candidate])
+            misfit, _ = far_starts.start(rough, reduced_set.effects, rest_fit.theta, [candidate])
             gap: float | None = float(np.sqrt(misfit))
         else:
             gap = _linear_gap(tangents, tangents.residual, candidate)
         if gap is not None and gap < best.get(candidate.name, (np.inf,))[0]:
             best[candidate.name] = gap, candidate
-    costly = search.spent and any(far_starts.is_far(effect) for effect in less.effects)
+    costly = search.spent and any(far_starts.is_far(effect) for effect in reduced_set.effects)
     nearest: dict[str, float] = {}
     for name, (gap, candidate) in best.items():
         if gap >= within and not far_starts.is_far(candidate):
@@ -140,26 +146,27 @@ def _gaps_afar(search: Search, state: Explanation, index: int, within: float) ->
             continue
         fitted = None
         if far_starts.is_far(candidate):
-            _, start = far_starts.start(rough, less.effects, rest.theta, [candidate])
-            fitted = _fitted_from(target, rough, [*less.effects, candidate], start)
+            _, start = far_starts.start(rough, reduced_set.effects, rest_fit.theta, [candidate])
+            fitted = _fitted_from(target, rough, [*reduced_set.effects, candidate], start)
         elif not costly:
-            fitted = _fitted(target, tangents, less.effects, candidate)
+            fitted = _fitted(target, tangents, reduced_set.effects, candidate)
         if fitted is not None:
             gap = float(np.sqrt(fitted.chi2))
-            _declare_rival(nearest, search, state, fitted, gap)
+            _declare_rival(nearest, search, explanation, fitted, gap)
             nearest[name] = min(gap, nearest.get(name, np.inf))
-    return _ranked(nearest, search, state, index, snr)
+    return _ranked(nearest, search, explanation, index, snr)
 
 
-def _fitted_best(target: Problem, less: Explanation) -> Fit:
-    """The effects of a state fitted to a signature from where they are and, where the physics has
+def _best_fit(target: Problem, reduced_set: Explanation) -> Fit:
+    """The effects of a set fitted to a signature from their coordinates and, where the physics has
     such a skin, from the beliefs."""
-    here = fit(target, less.effects, less.fit.theta, polish=True)
+    start = reduced_set.fit.theta
+    continued = fit(target, reduced_set.effects, start, polish=True)
     try:
-        anew = fit(target, less.effects, np.zeros_like(less.fit.theta), polish=True)
+        restarted = fit(target, reduced_set.effects, np.zeros_like(start), polish=True)
     except InputError:
-        return here
-    return min(here, anew, key=lambda fitted: fitted.chi2)
+        return continued
+    return min(continued, restarted, key=lambda fitted: fitted.chi2)
 
 
 def _fitted_from(
@@ -175,21 +182,19 @@ def _fitted_from(
 
 
 def _rivals(candidates: list[Candidate], effect: Candidate) -> list[Candidate]:
-    """Other names at one site, or with the effect's own scope, or in its own channels: more freedom
+    """Other names at one site, or with the scope of the effect, or in its channels: more freedom
     than the effect has would fit anything."""
-    found = []
+    rivals = []
     for candidate in candidates:
         if candidate.name == effect.name or candidate.effect.tone:
             continue
         if candidate.kind == "channels":
             if effect.kind == "channels":
-                same = (
-                    candidate if effect.scope == "dense" else sparse(candidate, effect.site_indices)
-                )
-                found.append(same)
+                is_dense = effect.scope == "dense"
+                rivals.append(candidate if is_dense else sparse(candidate, effect.site_indices))
         elif candidate.scope != "dense" or effect.scope == "dense":
-            found.append(candidate)
-    return found
+            rivals.append(candidate)
+    return rivals
 
 
 def _linear_gap(tangents: Tangents, signature: np.ndarray, candidate: Candidate) -> float | None:
@@ -197,8 +202,8 @@ def _linear_gap(tangents: Tangents, signature: np.ndarray, candidate: Candidate)
         change = tangents.start_change(candidate)
         if change is None:
             return None
-        left = signature - change
-        return float(np.sqrt(min(left @ left, signature @ signature)))
+        residual = signature - change
+        return float(np.sqrt(min(residual @ residual, signature @ signature)))
     columns = tangents.columns(candidate)
     if not len(columns):
         return None
@@ -219,33 +224,32 @@ def _fitted(
         return None
 
 
-def _gross_gaps(search: Search, state: Explanation, index: int) -> list[Gap]:
+def _gross_gaps(search: Search, explanation: Explanation, index: int) -> list[Gap]:
     """Of a gross fault: to the other gross faults in its place, and to nothing."""
-    model, whitening = search.problem.model, state.fit.problem.whitening
-    knobs = state.fit.theta[: len(model.calibrations)]
-    chosen = state.fit.settings()
-    there = state.fit.voltage()
-    others = [s for i, s in enumerate(chosen) if i != index]
+    model, whitening = search.problem.model, explanation.fit.problem.whitening
+    calibration = explanation.fit.theta[: len(model.calibrations)]
+    simulated = explanation.fit.voltage()
+    remaining = [s for i, s in enumerate(explanation.fit.settings()) if i != index]
 
-    def apart(settings: list) -> float:
-        change = whitening(model.voltage(knobs, settings) - there)
+    def gap_of(settings: list[Setting]) -> float:
+        change = whitening(model.voltage(calibration, settings) - simulated)
         return float(np.sqrt((change**2).sum()))
 
-    snr = apart(others)
+    snr = gap_of(remaining)
     best: dict[str, float] = {}
     for candidate in search.candidates:
-        if is_wiring_fault(candidate) and candidate.name != state.effects[index].name:
-            gap = apart([*others, candidate.setting(np.zeros(candidate.size))])
+        if is_wiring_fault(candidate) and candidate.name != explanation.effects[index].name:
+            gap = gap_of([*remaining, candidate.setting(np.zeros(candidate.size))])
             best[candidate.name] = min(gap, best.get(candidate.name, snr))
     return sorted((Gap(n, g, snr) for n, g in best.items()), key=lambda g: g.gap)
 
 
-def strengths(search: Search, state: Explanation) -> dict[str, float]:
-    """SNR of every name at a typical size where it shows best, what is fitted projected out; 0 of
-    those that change nothing here."""
-    tangents = linearised(search, state)
+def strengths(search: Search, explanation: Explanation) -> dict[str, float]:
+    """SNR of every name at a typical size, at the site where it shows best, the fitted directions
+    projected out; 0 of names that change nothing in these readings."""
+    tangents = linearised(search, explanation)
     tangents.precompute(c for c in search.candidates if is_linearised(c) and c.scope != "dense")
-    found: dict[str, float] = {}
+    snrs: dict[str, float] = {}
     for candidate in search.candidates:
         if candidate.effect.tone:
             snr = np.inf if search.problem.model.frame_s else 0.0
@@ -258,5 +262,5 @@ def strengths(search: Search, state: Explanation) -> dict[str, float]:
         else:
             columns = tangents.coordinate_columns(candidate)
             snr = max((float(np.linalg.norm(c)) for c in columns if c is not None), default=0.0)
-        found[candidate.name] = max(found.get(candidate.name, 0.0), snr)
-    return found
+        snrs[candidate.name] = max(snrs.get(candidate.name, 0.0), snr)
+    return snrs

@@ -42,20 +42,20 @@ class Record:
 def record(diagnosis: Diagnosis, name: str, query: Recording | None = None) -> Record:
     """The record of a diagnosis, for a recording of this name; query: to be predicted. Raises
     InputError for a query with touches of unknown state."""
-    after = diagnosis.after.fit
+    fitted = diagnosis.explanation.fit
     content = document(diagnosis, name)
-    prediction = None if query is None else predict(after, diagnosis.recording, query)
+    prediction = None if query is None else predict(fitted, diagnosis.recording, query)
     arrays = _arrays(diagnosis)
     rivals, experiment = cores.forked(lambda part: part(diagnosis), [_rivals, propose])
     tables = {
-        "atlas_before": diagnosis.atlas_before,
-        "atlas_after": diagnosis.atlas_after,
+        "atlas_before": diagnosis.baseline_atlas,
+        "atlas_after": diagnosis.atlas,
         "rivals": rivals,
         "identifiability": _identifiability(diagnosis),
         "search": pd.DataFrame(diagnosis.search.journal.steps),
         "decisions": diagnosis.search.journal.table(),
     }
-    simulator = corrected.text(after, diagnosis.recording, diagnosis.noise.sd, name)
+    simulator = corrected.yaml_text(fitted, diagnosis.recording, diagnosis.noise.sd, name)
     return Record(content, simulator, prediction, arrays, tables, experiment)
 
 
@@ -76,16 +76,16 @@ def read_query(path: str | Path, recording: Recording) -> Recording:
 
 def _arrays(diagnosis: Diagnosis) -> dict[str, np.ndarray]:
     """The arrays of residuals.npz: N frames, M channels, E effects."""
-    before, after = diagnosis.before.fit, diagnosis.after.fit
+    baseline, fitted = diagnosis.baseline.fit, diagnosis.explanation.fit
     search, noise = diagnosis.search, diagnosis.noise
     mask = search.problem.whitening.mask
-    # The residual that the rig's errors leave of both; a discrepancy would hide what has no name.
-    plain = replace(before.problem, whitening=diagnosis.named.problem.whitening)
+    # In the covariance of the rig's errors alone: a discrepancy would hide what has no name.
+    problem = replace(baseline.problem, whitening=diagnosis.named_fit.problem.whitening)
     frames = diagnosis.recording.frames
     changes, changed_frame = _changes(diagnosis, mask)
     return {
-        "before": np.where(mask, plain.residual(before.theta, before.effects), np.nan),
-        "after": np.where(mask, diagnosis.named.residual, np.nan),
+        "before": np.where(mask, problem.residual(baseline.theta, baseline.effects), np.nan),
+        "after": np.where(mask, diagnosis.named_fit.residual, np.nan),
         "noise_V": noise.sd,
         "noise_source": np.array(noise.source),
         "noise_dof": np.array(float(noise.dof)),
@@ -94,8 +94,8 @@ def _arrays(diagnosis: Diagnosis) -> dict[str, np.ndarray]:
         "held_out_channels": diagnosis.reserve_mask.all(axis=0),
         "press": search.problem.model.press,
         "recorded_V": search.problem.readings,
-        "before_V": as_reported(search, before),
-        "after_V": as_reported(search, after),
+        "before_V": as_reported(search, baseline),
+        "after_V": as_reported(search, fitted),
         "changes": changes,
         "changed_frame": changed_frame,
         **{
@@ -107,16 +107,16 @@ def _arrays(diagnosis: Diagnosis) -> dict[str, np.ndarray]:
 
 def _changes(diagnosis: Diagnosis, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(E, M): what each effect changes, in noise units, NaN where nothing is read, in the frame in
-    which it changes most; (E,): the row of that frame. mask (N, M): what is read. NaN alone of an
-    effect without which no skin has the rest."""
-    fit, sd = diagnosis.after.fit, diagnosis.noise.sd
+    which it changes most; (E,): the row of that frame. mask (N, M): what is read. NaN throughout of
+    an effect without which the other effects have no skin."""
+    fit, sd = diagnosis.explanation.fit, diagnosis.noise.sd
     changes, rows = np.zeros((len(fit.effects), mask.shape[1])), np.zeros(len(fit.effects), int)
     if not fit.effects:
         return changes, rows
-    there = fit.problem.model.voltage(*fit.problem.split(fit.theta, fit.effects))
+    simulated = fit.problem.model.voltage(*fit.problem.split(fit.theta, fit.effects))
     for index in range(len(fit.effects)):
         try:
-            change = np.where(mask, (there - fit.voltage_without(index)) / sd, np.nan)
+            change = np.where(mask, (simulated - fit.voltage_without(index)) / sd, np.nan)
         except InputError:
             changes[index] = np.nan
             continue
@@ -126,38 +126,38 @@ def _changes(diagnosis: Diagnosis, mask: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _rivals(diagnosis: Diagnosis) -> pd.DataFrame:
-    """What each name in an effect's place costs on frames held out in turn, against the noise and
-    the rig's errors of the state found, whatever each has learned for itself. First the state
-    found, of no effect; a rival that has no physics where its touches were followed to is left
-    out."""
+    """What each name in an effect's place costs on frames held out in turn, all in the covariance
+    of the explanation. The first row is that of the explanation, with no effect; a rival that has
+    no physics where its touches were displaced to has no row."""
 
-    def held(state: Explanation) -> HeldOut:
-        return held_out(rewhitened(state.fit, diagnosis.named.problem), diagnosis.search.folds)
+    def predicted(explanation: Explanation) -> HeldOut:
+        fitted = rewhitened(explanation.fit, diagnosis.named_fit.problem)
+        return held_out(fitted, diagnosis.search.folds)
 
     columns = ["effect", "instead", "chi2_per_dof", "elpd_difference", "gap"]
-    if not diagnosis.after.effects:
+    if not diagnosis.explanation.effects:
         return pd.DataFrame(columns=columns)
-    all_named = held(diagnosis.after)
+    all_named = predicted(diagnosis.explanation)
     rows = [("", "", all_named.chi2_per_dof, 0.0, np.nan)]
     for candidate, gaps, rivals in zip(
-        diagnosis.after.effects, diagnosis.gaps, diagnosis.rivals, strict=True
+        diagnosis.explanation.effects, diagnosis.gaps, diagnosis.rivals, strict=True
     ):
-        gap: dict[str | None, float] = {g.rival: g.gap for g in gaps}
-        gap[None] = gaps[0].snr if gaps else np.nan
+        gap_to: dict[str | None, float] = {g.rival: g.gap for g in gaps}
+        gap_to[None] = gaps[0].snr if gaps else np.nan
         for rival in rivals:
             try:
-                left = held(rival.state)
+                score = predicted(rival.explanation)
             except InputError:
                 continue
-            elpd, own = left.gain(all_named)[0], gap.get(rival.name, np.nan)
-            rows.append((candidate.name, rival.name or "nothing", left.chi2_per_dof, elpd, own))
+            elpd, gap = score.gain(all_named)[0], gap_to.get(rival.name, np.nan)
+            rows.append((candidate.name, rival.name or "nothing", score.chi2_per_dof, elpd, gap))
     return pd.DataFrame(rows, columns=columns)
 
 
 def _identifiability(diagnosis: Diagnosis) -> pd.DataFrame:
     nearest = {
         c.name: diagnosis.gaps[i][0]
-        for i, c in enumerate(diagnosis.after.effects)
+        for i, c in enumerate(diagnosis.explanation.effects)
         if diagnosis.gaps[i]
     }
     hidden = set(unobservable(diagnosis))

@@ -24,7 +24,7 @@ class Stop:
     """The gate at which a name stopped.
 
     kind, sites: of the candidate that came furthest; value: of the gate's statistic; beside: the
-    effects beside which it was judged; place: the one whose place it would have taken, or "";
+    effects beside which it was judged; place: the effect whose place it would have taken, or "";
     detail: on the candidate itself, or "".
     """
 
@@ -44,7 +44,7 @@ class Stop:
         text = self.gate.refusal.format(
             value=number(self.value), threshold=threshold, place=self.place
         )
-        sites = f" at {_sites(self.kind, self.sites)}" if self.sites else ""
+        sites = f" at {_sites_text(self.kind, self.sites)}" if self.sites else ""
         beside = f"beside {listed(list(self.beside))}, " if self.beside else ""
         detail = f"; {self.detail}" if self.detail else ""
         return f"{self.name}{sites} stopped at {self.gate.name}: {beside}{text}{detail}."
@@ -75,9 +75,9 @@ def stop(decisions: pd.DataFrame, effects: Sequence[str], name: str) -> Stop | N
     for choice in (final, rows):
         refused = choice[~choice["admitted"]]
         if len(refused):
-            last = refused[refused["round"] == refused["round"].max()]
-            first = last.groupby("sites", sort=False).head(1)
-            row = first.loc[first["gate"].map(ORDER).idxmax()]
+            final_round = refused[refused["round"] == refused["round"].max()]
+            stopping = final_round.groupby("sites", sort=False).head(1)
+            row = stopping.loc[stopping["gate"].map(ORDER).idxmax()]
             return Stop(
                 name,
                 row["sites"],
@@ -94,8 +94,8 @@ def stop(decisions: pd.DataFrame, effects: Sequence[str], name: str) -> Stop | N
 def stops(decisions: pd.DataFrame, effects: Sequence[str]) -> list[Stop]:
     """Where every name of the catalogue stopped that is not among the effects of a diagnosis."""
     names = (name for name in sorted(catalogue_names()) if name not in effects)
-    found = (stop(decisions, effects, name) for name in names)
-    return [one for one in found if one is not None]
+    candidates = (stop(decisions, effects, name) for name in names)
+    return [met for met in candidates if met is not None]
 
 
 def explanations(decisions: pd.DataFrame, diagnosis: dict, name: str | None = None) -> list[str]:
@@ -104,22 +104,22 @@ def explanations(decisions: pd.DataFrame, diagnosis: dict, name: str | None = No
     diagnosis: the content of diagnosis.json. Raises InputError for a name that is not in the
     catalogue.
     """
-    known = sorted(catalogue_names())
-    if name is not None and name not in known:
-        raise InputError("eitskin explain", "NAME", name, f"one of {', '.join(known)}")
+    catalogue = sorted(catalogue_names())
+    if name is not None and name not in catalogue:
+        raise InputError("eitskin explain", "NAME", name, f"one of {', '.join(catalogue)}")
     entries = {entry["name"]: entry for entry in diagnosis["effects"]}
     sentences = []
-    for one in known if name is None else [name]:
-        if one in entries:
-            sentences.append(_named(entries[one], decisions))
+    for effect in catalogue if name is None else [name]:
+        if effect in entries:
+            sentences.append(_named_sentence(entries[effect], decisions))
             continue
-        end = stop(decisions, list(entries), one)
-        sentences.append(f"{one} met no gate." if end is None else end.sentence)
+        end = stop(decisions, list(entries), effect)
+        sentences.append(f"{effect} met no gate." if end is None else end.sentence)
     return sentences
 
 
-def _named(entry: dict, decisions: pd.DataFrame) -> str:
-    """What is said of a name that is among the effects."""
+def _named_sentence(entry: dict, decisions: pd.DataFrame) -> str:
+    """Whether a name that is among the effects is certain and, where it is not, why."""
     if entry.get("certain", True):
         return f"{entry['name']} is named, and certain."
     certainty = [gate.name for gate in gates.every() if gate.purpose == "certainty"]
@@ -136,7 +136,7 @@ def _named(entry: dict, decisions: pd.DataFrame) -> str:
     return f"{entry['name']} is named as a candidate: {'; '.join(reasons)}."
 
 
-def _sites(kind: str, sites: str) -> str:
+def _sites_text(kind: str, sites: str) -> str:
     """Sites in words: `electrode 3`, `channels 4 and 5`, `16 electrodes`."""
     noun = NOUNS.get(kind, "site")
     numbers = sites.split()

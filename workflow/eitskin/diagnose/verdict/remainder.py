@@ -1,4 +1,4 @@
-"""Whether something is left that no name accounts for, and what it looks like."""
+"""Whether something remains that no name accounts for, and what it looks like."""
 
 import re
 from dataclasses import dataclass
@@ -10,11 +10,11 @@ from eitskin.diagnose.search.gates import NOTHING_UNNAMED
 from eitskin.diagnose.verdict.atlas import DISCOVERY
 
 PRIOR = 0.05  # that physics outside the catalogue is present, before looking
-# What a Bayes factor's logarithm counts, and the most that it may be: a p-value is no smaller than
-# the covariance is true. Of the logistic regression that `calibration.other_probability` makes.
-WEIGHT, MOST = 0.82, 5.0
-INDEPENDENT = 0.5  # of the atlas's rows: the rest say what others say
-LAWS = {
+# What a Bayes factor's logarithm counts, and the largest that it may be: a p-value is no smaller
+# than the covariance is true. Of the logistic regression that `proof.other_probability` makes.
+WEIGHT, LARGEST_LOG_FACTOR = 0.82, 5.0
+INDEPENDENT_SHARE = 0.5  # of the atlas's rows: the rest repeat what others say
+DRIVERS = {  # of the statistics of the atlas
     "time": "time",
     "order": "time",
     "session": "time",
@@ -32,10 +32,10 @@ LAWS = {
 
 
 @dataclass(frozen=True)
-class Other:
-    """What is left over: probability that it is more than chance; electrodes, drives, measures
-    where it sits; driver and law; a sentence, None below one half; its length in noise units, as
-    the row of the atlas has it that has most."""
+class Remainder:
+    """What an explanation leaves: probability that it is more than chance; electrodes, drives,
+    measures where it sits; driver and law; a sentence, None below one half; its length in noise
+    units, by the row of the atlas with the largest."""
 
     probability: float
     p_value: float
@@ -56,40 +56,46 @@ def log_bayes_factor(p_value: float) -> float:
 
 def probability(p_value: float) -> float:
     """Of physics outside the catalogue: what a p-value has been worth, on the prior odds."""
-    odds = PRIOR / (1.0 - PRIOR) * np.exp(WEIGHT * min(log_bayes_factor(p_value), MOST))
+    odds = (
+        PRIOR / (1.0 - PRIOR) * np.exp(WEIGHT * min(log_bayes_factor(p_value), LARGEST_LOG_FACTOR))
+    )
     return float(odds / (1.0 + odds))
 
 
-def unlike(likeness: float) -> Other:
-    """What is to be said where the readings are not those of a skin like this; likeness: their
-    squared correlation with the simulation."""
+def unlike_remainder(likeness: float) -> Remainder:
+    """The remainder of readings that are not those of a skin like this; likeness: their squared
+    correlation with the simulation."""
     against = ", and they run against it" if likeness < 0.0 else ""
-    said = (
+    sentence = (
         f"The readings are not those of such a skin: their squared correlation with the simulation"
         f" is {abs(likeness):.2f}{against}. Order and polarity of the channels, drive and"
         " electrodes are to be checked before anything can be named."
     )
-    return Other(probability(0.0), 0.0, [], [], [], None, None, said, np.inf)
+    return Remainder(probability(0.0), 0.0, [], [], [], None, None, sentence, np.inf)
 
 
-def other(atlas: pd.DataFrame, catalogue_p: float) -> Other:
-    """What the atlas of the final residual still shows; catalogue_p: the global p-value of the best
-    candidate that did not enter."""
+def remainder(atlas: pd.DataFrame, catalogue_p: float) -> Remainder:
+    """What the atlas of the final residual shows; catalogue_p: the global p-value of the best
+    candidate that did not enter.
+
+    The p-value of the remainder is that of the least p-value of the atlas among as many as are
+    independent, 1 - (1 - p)^n, and of catalogue_p, the smaller of the two times two.
+    """
     rows = atlas[atlas["statistic"] != "everything"]
-    least = float(rows["p"].min()) if len(rows) else 1.0
-    count = max(1.0, INDEPENDENT * len(rows))
-    p = float(-np.expm1(count * np.log1p(-min(least, 1.0 - 1e-16))))
+    smallest_p = float(rows["p"].min()) if len(rows) else 1.0
+    count = max(1.0, INDEPENDENT_SHARE * len(rows))
+    p = float(-np.expm1(count * np.log1p(-min(smallest_p, 1.0 - 1e-16))))
     p = min(1.0, 2.0 * min(p, catalogue_p))
     chance = probability(p)
     snr = float(np.sqrt(max((rows["value"] - rows["dof"]).max(), 0.0))) if len(rows) else 0.0
     if NOTHING_UNNAMED.admits(chance):
-        return Other(chance, p, [], [], [], None, None, None, snr)
+        return Remainder(chance, p, [], [], [], None, None, None, snr)
     if not len(rows):
-        said = "More is left than chance leaves, without a pattern that a test knows."
-        return Other(chance, p, [], [], [], None, None, said, snr)
+        sentence = "More is left than chance leaves, without a pattern that a test knows."
+        return Remainder(chance, p, [], [], [], None, None, sentence, snr)
     top = rows.iloc[0]
-    statistic, _, where = top["statistic"].partition(": ")
-    driver = LAWS.get(statistic, "static")
+    statistic, _, field = top["statistic"].partition(": ")
+    driver = DRIVERS.get(statistic, "static")
     located = rows[rows["statistic"].str.contains(": (?:electrode|drive|measuring pair)$")]
     best = located.iloc[0] if len(located) else None
     sites: dict[str, list[int]] = {"electrodes": [], "drives": [], "measures": []}
@@ -97,16 +103,15 @@ def other(atlas: pd.DataFrame, catalogue_p: float) -> Other:
         kind = best["statistic"].rpartition(": ")[2]
         number = re.match(r"\d+", best["site"])
         assert number is not None
-        first = int(number.group())
         key = {"electrode": "electrodes", "drive": "drives", "measuring pair": "measures"}[kind]
-        sites[key] = [first]
+        sites[key] = [int(number.group())]
     law = {
         "time": "linear in time",
         "force": "linear in force",
         "load-direction": "a step between loading and unloading",
         "position": "by place",
         "scan-order": "along the scan",
-        "amplitude": f"{where} of the reading",
+        "amplitude": f"{field} of the reading",
         "static": "constant",
     }[driver]
-    return Other(chance, p, **sites, driver=driver, law=law, sentence=top["sentence"], snr=snr)
+    return Remainder(chance, p, **sites, driver=driver, law=law, sentence=top["sentence"], snr=snr)

@@ -5,7 +5,7 @@ from eitskin.quantities import interval, listed, quantity
 
 MOST_LISTED = 6  # frames; more are counted
 PER_CENT, PLAIN = "{size:%}", "{size}"
-FINDINGS = {  # what is said of a component; its size as {size}, or as {size:%} of the whole
+SENTENCES = {  # on a component; its size as {size}, or as {size:%} of the whole
     "amplitude-per-frame": "All readings of a frame scatter together by {size:%} from frame to"
     " frame.",
     "gain-walk": "The gain of all channels wanders: at the recording's end it is typically off by"
@@ -29,36 +29,34 @@ UNKNOWN = "The rig has an error called {name}, of {size}."
 ASSUMED = "; this is assumed, for the recording has nothing that shows it."
 
 
-def finding(component: dict) -> str:
+def component_sentence(component: dict) -> str:
     """A component of `noise` in diagnosis.json in a sentence: its size with its 90 % interval, or
     that its size is assumed."""
-    text = FINDINGS.get(component["name"], UNKNOWN.replace("{name}", component["name"]))
-    shown = size(component)
-    text = text.replace(PER_CENT, shown).replace(PLAIN, shown)
+    text = SENTENCES.get(component["name"], UNKNOWN.replace("{name}", component["name"]))
+    size = size_text(component)
+    text = text.replace(PER_CENT, size).replace(PLAIN, size)
     return text if component["learned"] else f"{text.removesuffix('.')}{ASSUMED}"
 
 
-def findings(noise: dict) -> list[str]:
-    """What `noise` in diagnosis.json says, a sentence each: its components, loud frames, spikes,
-    jumps."""
-    found = [finding(component) for component in noise["components"]]
+def noise_sentences(noise: dict) -> list[str]:
+    """`noise` of diagnosis.json, a sentence each: components, loud frames, spikes, jumps."""
+    sentences = [component_sentence(component) for component in noise["components"]]
     loud, spikes, jumps = (noise.get(key) for key in ("loud_frames", "spikes", "jumps"))
     if loud:
-        one = len(loud) == 1
-        are, were = ("is", "was") if one else ("are", "were")
-        found.append(f"{_frames(loud)} {are} louder than the others and {were} left out.")
+        are, were = ("is", "was") if len(loud) == 1 else ("are", "were")
+        sentences.append(f"{_frames_text(loud)} {are} louder than the others and {were} left out.")
     if spikes and spikes["readings"]:
         count, share = spikes["readings"], quantity(100.0 * spikes["share"], "%", 2)
-        many = "readings", "stand out alone and were"
-        noun, verb = ("reading", "stands out alone and was") if count == 1 else many
-        found.append(f"{count} {noun} ({share}) {verb} left out.")
+        plural = "readings", "stand out alone and were"
+        noun, verb = ("reading", "stands out alone and was") if count == 1 else plural
+        sentences.append(f"{count} {noun} ({share}) {verb} left out.")
     if jumps:
-        at = _frames(jumps).lower()
-        found.append(f"At {at} the readings jump: the rig did not stay the same.")
-    return found
+        place = _frames_text(jumps).lower()
+        sentences.append(f"At {place} the readings jump: the rig did not stay the same.")
+    return sentences
 
 
-def size(component: dict) -> str:
+def size_text(component: dict) -> str:
     """The size of a component in its unit, with its 90 % interval where it was learned."""
     factor, unit = _scale(component)
     value, low, high = (factor * component[key] for key in ("sd", "low", "high"))
@@ -68,17 +66,17 @@ def size(component: dict) -> str:
 
 
 def _scale(component: dict) -> tuple[float, str]:
-    """The factor and the unit in which a component's size is told."""
+    """The factor and the unit in which the size of a component is written."""
     unit = component["unit"]
-    if unit == "1" and PER_CENT in FINDINGS.get(component["name"], ""):
+    if unit == "1" and PER_CENT in SENTENCES.get(component["name"], ""):
         return 100.0, "%"
     return 1.0, UNITS.get(unit, unit)
 
 
-def _frames(frames: list[int]) -> str:
+def _frames_text(frames: list[int]) -> str:
     """`Frame 3`, `Frames 3 and 5`; of many the first, and how many more."""
     if len(frames) == 1:
         return f"Frame {frames[0]}"
-    more = len(frames) - MOST_LISTED
-    shown = [*frames[:MOST_LISTED], f"{more} more"] if more > 0 else frames
+    surplus = len(frames) - MOST_LISTED
+    shown = [*frames[:MOST_LISTED], f"{surplus} more"] if surplus > 0 else frames
     return f"Frames {listed(shown)}"

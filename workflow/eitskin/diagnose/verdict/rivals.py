@@ -1,4 +1,4 @@
-"""What else could be in a found effect's place, and how much worse it predicts held-out frames."""
+"""What else could be in the place of a named effect, and how much worse it predicts."""
 
 from dataclasses import dataclass
 
@@ -11,27 +11,31 @@ from eitskin.diagnose.search.search import Search
 
 @dataclass(frozen=True)
 class Rival:
-    """A state with another name in an effect's place, None: with nothing. gain, error: log density
-    of held-out frames by which the state found is above it, and its standard error, nats."""
+    """An explanation with another name in an effect's place, None: with nothing. gain, error: log
+    density of held-out frames by which the explanation with the effect is above it, and its
+    standard error, nats."""
 
     name: str | None
-    state: Explanation
+    explanation: Explanation
     gain: float
     error: float
 
 
-def rivals(search: Search, state: Explanation, index: int) -> list[Rival]:
+def rivals(search: Search, explanation: Explanation, index: int) -> list[Rival]:
     """Nothing, and the likeliest of every other name that was fitted, in place of effect `index` of
-    the state that a search found."""
-    less = reduced(search, state, index)
-    trials = cached_trials(search, less) or []
-    best = {added_effect(less, trial).name: trial for trial in reversed(trials)}
-    best.pop(state.effects[index].name, None)
-    named = [(None, less), *best.items()]
-    held_out, near = state.held_out, search.problem.model.solved_skins
+    the explanation that a search ended with."""
+    reduced_set = reduced(search, explanation, index)
+    trials = cached_trials(search, reduced_set) or []
+    best = {added_effect(reduced_set, trial).name: trial for trial in reversed(trials)}
+    best.pop(explanation.effects[index].name, None)
+    named = [(None, reduced_set), *best.items()]
+    held_out = explanation.held_out
 
-    def gained(rival: Explanation) -> tuple[float, float]:
-        return held_out.gain(predicted(search, rival, state))
+    def gain(rival: Explanation) -> tuple[float, float]:
+        return held_out.gain(predicted(search, rival, explanation))
 
-    found = near.forked(gained, [rival for _, rival in named])
-    return [Rival(*own, *gain) for own, gain in zip(named, found, strict=True)]
+    gains = search.problem.model.solved_skins.forked(gain, [rival for _, rival in named])
+    return [
+        Rival(name, rival, *gain_and_error)
+        for (name, rival), gain_and_error in zip(named, gains, strict=True)
+    ]

@@ -1,4 +1,4 @@
-"""Whether a diagnosis is one: what the contract asks of it, and what no schema can say."""
+"""Whether a document is a diagnosis: what the contract requires, and what no schema can say."""
 
 from pathlib import Path
 
@@ -14,88 +14,92 @@ NO_SITES = {"maxItems": 0, "description": "no sites"}
 
 
 def schema(path: str | Path) -> dict:
-    """The schema in a file, with the catalogue's names and what each asks of its sites, its driver
-    and its parameters."""
-    found = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    """The schema in a file, with the catalogue's names and what each requires of sites, driver and
+    parameters."""
+    content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     names = catalogue_names()
-    found["$defs"]["name"]["enum"] = names
-    found["$defs"]["effect"]["allOf"] = [
+    content["$defs"]["name"]["enum"] = names
+    content["$defs"]["effect"]["allOf"] = [
         {
             "if": {"properties": {"name": {"const": name}}},
-            "then": {"allOf": [_sites(EFFECTS[name]), _values(EFFECTS[name])]},
+            "then": {"allOf": [_site_rules(EFFECTS[name]), _value_rules(EFFECTS[name])]},
         }
         for name in names
     ]
-    return found
+    return content
 
 
-def _sites(effect: Effect) -> dict:
-    """No sites of other kinds than the effect's, of its own none where they are common; its number
-    where it has one. Drives and pairs that their electrode does not tell stand by their channels.
+def _site_rules(effect: Effect) -> dict:
+    """No sites of other kinds than the effect's, of these none where it is common; its number where
+    it has one. Drives and pairs that no electrode identifies are given by their channels.
     """
-    own = list(effect.sites)
-    if {"drives", "measures"} & {*own} and "channels" not in own:
-        own.append("channels")
-    rules = {kind: NO_SITES for kind in SITES if kind not in own}
-    if not own:
+    kinds = list(effect.sites)
+    if {"drives", "measures"} & {*kinds} and "channels" not in kinds:
+        kinds.append("channels")
+    rules = {kind: NO_SITES for kind in SITES if kind not in kinds}
+    if not kinds:
         rules["scope"] = {"const": "common", "description": "common, for it has no sites"}
         return {"properties": rules}
-    some = [{"properties": {kind: {"minItems": 1}}} for kind in own]
+    any_sites = [{"properties": {kind: {"minItems": 1}}} for kind in kinds]
     if effect.site_number:
-        said = f"sparse, for it has {effect.site_number} sites"
-        rules["scope"] = {"const": "sparse", "description": said}
+        description = f"sparse, for it has {effect.site_number} sites"
+        rules["scope"] = {"const": "sparse", "description": description}
         number = {"minItems": effect.site_number, "maxItems": effect.site_number}
-        some = [{"properties": {kind: number}} for kind in own]
+        any_sites = [{"properties": {kind: number}} for kind in kinds]
     return {
         "properties": rules,
         "if": {"properties": {"scope": {"const": "common"}}},
-        "then": {"properties": dict.fromkeys(own, NO_SITES)},
-        "else": some[0] if len(some) == 1 else {"anyOf": some, "description": " or ".join(own)},
+        "then": {"properties": dict.fromkeys(kinds, NO_SITES)},
+        "else": any_sites[0]
+        if len(any_sites) == 1
+        else {"anyOf": any_sites, "description": " or ".join(kinds)},
     }
 
 
-def _values(effect: Effect) -> dict:
+def _value_rules(effect: Effect) -> dict:
     """The effect's driver; its parameters with their units, of `either` one."""
     rules = {
         key: {
             "$ref": "#/$defs/estimate",
-            "properties": {"unit": {"const": one.unit, "description": f"the unit {one.unit}"}},
+            "properties": {
+                "unit": {"const": parameter.unit, "description": f"the unit {parameter.unit}"}
+            },
         }
-        for key, one in effect.parameters.items()
+        for key, parameter in effect.parameters.items()
     }
-    needed = [key for key, one in effect.parameters.items() if not one.optional]
-    parameters = {"additionalProperties": False, "required": needed, "properties": rules}
+    required = [key for key, p in effect.parameters.items() if not p.optional]
+    parameters = {"additionalProperties": False, "required": required, "properties": rules}
     if effect.either:
         parameters["description"] = " or ".join(effect.either)
-        parameters["minProperties"] = len(needed) + 1
+        parameters["minProperties"] = len(required) + 1
         parameters["maxProperties"] = len(rules) - len(effect.either) + 1
     driver = {"const": effect.driver, "description": effect.driver}
-    found = {"driver": driver, "parameters": parameters}
+    properties = {"driver": driver, "parameters": parameters}
     if effect.combination is None:
-        found["amounts"] = {"maxProperties": 0, "description": "none"}
-    return {"properties": found}
+        properties["amounts"] = {"maxProperties": 0, "description": "none"}
+    return {"properties": properties}
 
 
-def validate(result: dict, schema_path: str | Path, file: str | Path) -> None:
-    """Raise InputError, with `file` as its place, unless `result` is a diagnosis.
+def validate(document: dict, schema_path: str | Path, file: str | Path) -> None:
+    """Raise InputError, with `file` as its place, unless a document is a diagnosis.
 
     Beyond the schema: an interval holds its value, or of the noise its `sd`; a list has one number
     a site, and an effect is no alternative to itself.
     """
     errors = sorted(
-        Validator(schema(schema_path)).iter_errors(result), key=lambda error: len(error.path)
+        Validator(schema(schema_path)).iter_errors(document), key=lambda error: len(error.path)
     )
     if errors:
-        at, found, expected = explained(errors[0])
-        named = errors[0].json_path.removeprefix("$.")
-        if len(at) > len(errors[0].absolute_path):
-            named = f"{named}.{at[-1]}".removeprefix("$.")
-        raise InputError(file, named, found, expected)
-    for key, estimate in result["calibration"].items():
+        path, actual, expected = explained(errors[0])
+        place = errors[0].json_path.removeprefix("$.")
+        if len(path) > len(errors[0].absolute_path):
+            place = f"{place}.{path[-1]}".removeprefix("$.")
+        raise InputError(file, place, actual, expected)
+    for key, estimate in document["calibration"].items():
         _check_estimate(estimate, file, f"calibration.{key}")
-    for k, component in enumerate(result.get("noise", {}).get("components", [])):
+    for k, component in enumerate(document.get("noise", {}).get("components", [])):
         _check_estimate(component, file, f"noise.components[{k}]", "sd")
-    for k, effect in enumerate(result["effects"]):
+    for k, effect in enumerate(document["effects"]):
         if effect["name"] in effect["alternatives"]:
             place = f"effects[{k}].alternatives"
             raise InputError(file, place, f"{effect['name']!r}", "names other than its own")
@@ -110,15 +114,15 @@ def validate(result: dict, schema_path: str | Path, file: str | Path) -> None:
             _check_estimate(amount, file, f"effects[{k}].amounts.{key}")
 
 
-def _check_estimate(estimate: dict, file: str | Path, place: str, at: str = "value") -> None:
-    """at: the key of what lies within the interval."""
-    low, value, high = (np.asarray(estimate[key], float) for key in ("low", at, "high"))
+def _check_estimate(estimate: dict, file: str | Path, place: str, key: str = "value") -> None:
+    """Raise InputError unless the number at `key` lies within the interval, shape by shape."""
+    low, value, high = (np.asarray(estimate[name], float) for name in ("low", key, "high"))
     if not low.shape == value.shape == high.shape:
-        found = f"shapes {low.shape}, {value.shape}, {high.shape}"
-        raise InputError(file, place, found, f"low, {at} and high of one shape")
-    ended = np.shape(estimate.get("at_bound", value))
-    if ended != value.shape:
-        raise InputError(file, f"{place}.at_bound", f"shape {ended}", "one a value")
+        actual = f"shapes {low.shape}, {value.shape}, {high.shape}"
+        raise InputError(file, place, actual, f"low, {key} and high of one shape")
+    shape = np.shape(estimate.get("at_bound", value))
+    if shape != value.shape:
+        raise InputError(file, f"{place}.at_bound", f"shape {shape}", "one a value")
     if not ((low <= value) & (value <= high)).all():
-        found = f"{at} {estimate[at]}, low {estimate['low']}, high {estimate['high']}"
-        raise InputError(file, place, found, f"low ≤ {at} ≤ high")
+        actual = f"{key} {estimate[key]}, low {estimate['low']}, high {estimate['high']}"
+        raise InputError(file, place, actual, f"low ≤ {key} ≤ high")

@@ -18,7 +18,7 @@ from eitskin.diagnose.search.catalogue import Conditions, catalogue
 from eitskin.diagnose.search.gates import DISTINCT
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.verdict import experiment
-from eitskin.diagnose.verdict.experiment import NOTHING, SAME, Budget, propose
+from eitskin.diagnose.verdict.experiment import NOTHING, REPEAT, Budget, propose
 from eitskin.diagnose.verdict.gaps import Gap, gaps
 from eitskin.effects import EFFECTS
 from eitskin.effects.settings import settings, site_counts
@@ -73,7 +73,7 @@ def diagnosed(item: dict, rivals: list[str], forces: list[float], noise: float, 
     start = np.zeros(len(model.calibrations) + effect.size)
     after = refits.explain(search, fit(problem, [effect], start, polish=True))
     return SimpleNamespace(
-        recording=taken, search=search, after=after, gaps=[gaps(search, after, 0)]
+        recording=taken, search=search, explanation=after, gaps=[gaps(search, after, 0)]
     )
 
 
@@ -94,17 +94,17 @@ def test_the_gap_proposed_is_reached_with_noise(item, rival, forces, noise, word
     (pair,) = propose(found)["pairs"]
     assert (pair["a"], pair["b"]) == (item["name"], rival)
     assert pair["gap_now"] < DISTINCT.threshold < pair["gap_then"]
-    assert words in pair["recipe"] and pair["recipe"] != SAME
+    assert words in pair["recipe"] and pair["recipe"] != REPEAT
     rows = np.arange(len(found.recording.frames))
-    recipe = experiment._recipes(found, rows)[pair["recipe"]]
-    effects, theta = found.after.effects, found.after.fit.theta
-    model = recipe.simulator()
-    problem = Problem(model, np.zeros(1), recipe.whitening)
+    design = experiment._designs(found, rows)[pair["recipe"]]
+    effects, theta = found.explanation.effects, found.explanation.fit.theta
+    model = design.simulator()
+    problem = Problem(model, np.zeros(1), design.whitening)
     clean = model.voltage(*problem.split(theta, effects))
     gained = []
     for seed in range(6):
         draw = np.random.default_rng(seed).normal(size=clean.shape)
-        noisy = replace(problem, readings=clean + recipe.whitening.sd * draw)
+        noisy = replace(problem, recorded=clean + design.whitening.sd * draw)
         search = Search(noisy, found.search.candidates, rows, seed=1, report=lambda line: None)
         true = refits.explain(search, fit(noisy, effects, theta, polish=True))
         less = refits.reduced(search, true, 0)
@@ -118,23 +118,23 @@ def test_the_gap_proposed_is_reached_with_noise(item, rival, forces, noise, word
 
 def test_more_of_the_same_grows_with_the_root_of_the_frames():
     found = diagnosed(RADIUS, ["touch-contrast"], [5.0], 1e-5)
-    recipes = experiment._recipes(found, np.arange(len(found.recording.frames)))
-    now = recipes[experiment.AS_IS].gap(found, Budget(np.inf), 0, "touch-contrast")
+    designs = experiment._designs(found, np.arange(len(found.recording.frames)))
+    now = designs[experiment.AS_IS].gap(found, Budget(np.inf), 0, "touch-contrast")
     assert now == pytest.approx(found.gaps[0][0].gap, rel=0.05)
-    assert recipes[SAME].gap(found, Budget(np.inf), 0, "touch-contrast") == pytest.approx(
+    assert designs[REPEAT].gap(found, Budget(np.inf), 0, "touch-contrast") == pytest.approx(
         2.0 * now, rel=0.02
     )
 
 
 def test_what_the_budget_has_no_room_for_is_not_tried(monkeypatch):
     found = diagnosed(RADIUS, ["touch-contrast"], [5.0], 1e-5)
-    recipes = experiment._recipes(found, np.arange(len(found.recording.frames)))
+    designs = experiment._designs(found, np.arange(len(found.recording.frames)))
     budget = Budget(1e-9)
-    assert recipes[SAME].gap(found, budget, 0, "touch-contrast") is None
-    assert budget.left < 0.0
-    monkeypatch.setattr(experiment, "SHARE", -1.0)
+    assert designs[REPEAT].gap(found, budget, 0, "touch-contrast") is None
+    assert budget.sheets < 0.0
+    monkeypatch.setattr(experiment, "BUDGET_SHARE", -1.0)
     for pair in propose(found)["pairs"]:
-        assert pair["recipe"] == SAME and pair["gap_then"] == pair["gap_now"]
+        assert pair["recipe"] == REPEAT and pair["gap_then"] == pair["gap_now"]
 
 
 def test_a_turned_connector_takes_faults_of_the_skin_along_and_no_others():
@@ -143,7 +143,7 @@ def test_a_turned_connector_takes_faults_of_the_skin_along_and_no_others():
     contact = {"name": "contact-impedance", "electrodes": [3], "parameters": {"ratio": 3.0}}
     found = diagnosed(contact, [], [5.0], 1e-5)
     rows = np.arange(len(found.recording.frames))
-    turned = experiment._recipes(found, rows)[experiment.TURN].simulator()
+    turned = experiment._designs(found, rows)[experiment.TURN].simulator()
     count = len(found.recording.frames)
     index = {tuple(row): k for k, row in enumerate(CHANNELS.tolist())}
     shifted = [index[tuple(row)] for row in ((CHANNELS + 1) % 8).tolist()]
@@ -175,34 +175,34 @@ def test_a_body_too_low_for_a_finer_solution_is_tried_as_coarsely_as_it_was_fitt
     found = SimpleNamespace(
         recording=taken,
         search=Search(problem, [], rows % 5, seed=1, report=lambda line: None),
-        after=SimpleNamespace(effects=[body], fit=SimpleNamespace(theta=theta)),
+        explanation=SimpleNamespace(effects=[body], fit=SimpleNamespace(theta=theta)),
     )
     monkeypatch.setattr(experiment, "gaps", lambda *_: [Gap("electrode-width", 5.0, 9.0)])
-    recipes = experiment._recipes(found, rows)
-    for text in (SAME, experiment.TURN):
-        assert recipes[text].gap(found, Budget(np.inf), 0, "electrode-width") == 5.0, text
+    designs = experiment._designs(found, rows)
+    for text in (REPEAT, experiment.TURN):
+        assert designs[text].gap(found, Budget(np.inf), 0, "electrode-width") == 5.0, text
 
 
 def test_driven_electrodes_split_contacts_from_leaks():
     contact = {"name": "contact-impedance", "electrodes": [3], "parameters": {"ratio": 3.0}}
     found = diagnosed(contact, ["ground-leak"], [5.0], 3e-5)
-    recipes = experiment._recipes(found, np.arange(len(found.recording.frames)))
+    designs = experiment._designs(found, np.arange(len(found.recording.frames)))
     driven, same = (
-        recipes[k].gap(found, Budget(np.inf), 0, "ground-leak") for k in (experiment.DRIVE, SAME)
+        designs[k].gap(found, Budget(np.inf), 0, "ground-leak") for k in (experiment.DRIVE, REPEAT)
     )
     assert driven > 3.0 * same
     points = replace(SKIN, electrode_width_mm=0.0).metadata()
     gain = {"name": "drive-gain", "drives": [3], "parameters": {"gain": 1.1}}
     found = diagnosed(gain, [], [5.0], 1e-4, skin=points)
-    recipes = experiment._recipes(found, np.arange(len(found.recording.frames)))
-    assert experiment.DRIVE not in recipes
+    designs = experiment._designs(found, np.arange(len(found.recording.frames)))
+    assert experiment.DRIVE not in designs
 
 
 def test_presses_go_on_in_the_rhythm_of_the_recording():
     found = diagnosed(RADIUS, [], [2.0, 6.0, 4.0], 1e-5)
     frames = found.recording.frames
-    run = experiment._Run(found.recording, found.search.problem.model, np.arange(len(frames)))
-    plans = run.presses()
+    sequel = experiment._Sequel(found.recording, found.search.problem.model, np.arange(len(frames)))
+    plans = sequel.presses()
     for plan in plans.values():
         time_s = np.r_[frames["time_s"], plan["time_s"]]
         assert np.all(np.diff(time_s) > 0)
@@ -220,9 +220,9 @@ def test_noise_lasts_over_new_frames_by_their_numbers():
     taken, sd = recorded(RADIUS, [2.0], 1e-6)
     problem, _ = problem_of(taken, replace(sd, correlation=0.5))
     rows, last = np.array([0, 3, 4, 9]), len(taken.frames) - 1
-    run = experiment._Run(taken, problem.model, rows)
-    covariance = run.recipe(None, problem.whitening, 2).whitening
-    assert covariance.clock.tolist() == [*rows, last + 1, last + 2]
+    sequel = experiment._Sequel(taken, problem.model, rows)
+    covariance = sequel.design(None, problem.whitening, 2).whitening
+    assert covariance.frame_number.tolist() == [*rows, last + 1, last + 2]
     ones = np.ones(covariance.mask.shape)
     assert covariance(ones).shape == ones.shape
 
@@ -252,5 +252,5 @@ def test_pairs_are_alternatives_or_a_near_rival():
     for distances, rivals in (([2.0, 2.9, 4.0], "ab"), ([3.5, 4.0], "a"), ([6.0], ""), ([], "")):
         named = [Gap(name, gap, 9.0) for name, gap in zip("abc", distances, strict=False)]
         found.gaps = [named]
-        assert "".join(rival for _, rival, _ in experiment._pairs(found)) == rivals
+        assert "".join(pair.rival for pair in experiment._pairs(found)) == rivals
     assert propose(found) == {"sentence": NOTHING, "pairs": []}

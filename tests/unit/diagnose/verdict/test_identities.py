@@ -16,8 +16,9 @@ from eitskin.diagnose.search.gates import DISTINCT
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.verdict import conclusion
 from eitskin.diagnose.verdict.gaps import gaps
-from eitskin.diagnose.verdict.identities import IDENTITIES, carried, declared, readings
-from eitskin.effects import catalogue_names
+from eitskin.diagnose.verdict.identities import other_sides, sentences, substitute_setting
+from eitskin.effects import EFFECTS, catalogue_names
+from eitskin.effects.anisotropy import carried_outline
 from eitskin.effects.effect import START
 from eitskin.physics.forward import Forward, channel_values
 from eitskin.physics.geometry import Geometry
@@ -113,7 +114,7 @@ def sides(recorded: Recording, *items: dict, index: int = 0, **given) -> tuple[d
     the length of its signature."""
     search, state = fitted(recorded, *items, **given)
     snr = gaps(search, state, index)[0].snr
-    return {i.side.__name__: s.gap for i, s in declared(search, state, index)}, snr
+    return {i.other_side.__name__: s.gap for i, s in other_sides(search, state, index)}, snr
 
 
 # ---- a disc that conducts in one direction is an ellipse that carries its electrodes
@@ -123,7 +124,8 @@ def outlines(width_mm: float, ratio: float, angle: float) -> list[Geometry]:
     """A disc, the disc with an anisotropy, and its other side as effects of the catalogue."""
     base = Geometry(80.0, 3.0, 0.5, 22.5 * np.arange(N), np.array(width_mm), np.array(2e-3))
     directed = base.with_values(anisotropy_ratio=ratio, anisotropy_deg=angle)
-    oval = apply_skin(base, carried(directed, base, ratio, angle), START)
+    substitutes = carried_outline(directed, base, ratio, angle)
+    oval = apply_skin(base, [substitute_setting(s) for s in substitutes], START)
     assert oval.anisotropy_ratio == 1.0
     return [base, directed, oval]
 
@@ -185,9 +187,9 @@ def test_a_touch_belongs_to_the_identity_only_where_it_is_carried_along():
 def test_an_ellipse_is_within_the_noise_of_an_anisotropy_in_untouched_frames_alone(item):
     """Whichever of the two it was."""
     found, snr = sides(still(item, noise=0.0), DIRECTED)
-    assert found["_pressed_out_of_round"] < 1e-6 * snr
+    assert found["elliptic_rim"] < 1e-6 * snr
     found, _ = sides(touched(item), DIRECTED)
-    assert found["_pressed_out_of_round"] > 2.0 * DISTINCT.threshold
+    assert found["elliptic_rim"] > 2.0 * DISTINCT.threshold
 
 
 @example_settings(max_examples=15, deadline=None)
@@ -218,7 +220,7 @@ def test_places_that_follow_a_stretch_are_an_anisotropy_in_untouched_frames_alon
     search, state = fitted(still(DIRECTED, noise=0.0), PLACES, scopes=("dense",), noise=5e-3)
     near = {g.rival: g.gap for g in gaps(search, state, 0)}
     assert max(near["anisotropy"], near["domain-shape"]) < DISTINCT.threshold
-    (said,) = readings(search, state, 0, list(near))
+    (said,) = sentences(search, state, 0, list(near))
     assert "1.30 times as well along 30° as across" in said
     stretched = {"name": "electrode-position", "parameters": {"shift_deg": _stretch_deg()}}
     for recorded in (still(JITTER, noise=0.0), touched(stretched)):
@@ -247,12 +249,12 @@ def _stretch_deg() -> list[float]:
 @pytest.mark.parametrize(
     ("item", "recorded", "same"),
     [
-        (CONTACTS, touched, ["_all_gains"]),
-        (LESS, still, ["_all_gains", "_size"]),
-        (SMALLER, still, ["_all_gains", "_contacts"]),
-        (TURN_AND_SHIFT, touched, ["_shifted_turn"]),
-        (LAW, touched, ["_load_cell"]),
-        (CONTRAST, touched, ["_load_cell"]),
+        (CONTACTS, touched, ["scaled_currents"]),
+        (LESS, still, ["scaled_currents", "scaled_rim"]),
+        (SMALLER, still, ["scaled_currents", "scaled_contacts"]),
+        (TURN_AND_SHIFT, touched, ["turned_electrodes_and_shift"]),
+        (LAW, touched, ["bent_load_cell"]),
+        (CONTRAST, touched, ["scaled_load_cell"]),
     ],
 )
 def test_an_identity_is_exact(item, recorded, same):
@@ -263,26 +265,30 @@ def test_an_identity_is_exact(item, recorded, same):
 def test_a_turn_of_touches_is_one_of_all_electrodes():
     """To what is left of the shift fitted beside it."""
     found, snr = sides(touched(TURN), TURN)
-    assert found["_pure_turn"] < 3e-3 * snr and "_shifted_turn" not in found
+    assert found["turned_electrodes"] < 3e-3 * snr and "turned_electrodes_and_shift" not in found
     found, snr = sides(touched(TURN_AND_SHIFT), TURN_AND_SHIFT)
-    assert found["_pure_turn"] > 0.3 * snr
+    assert found["turned_electrodes"] > 0.3 * snr
 
 
 def test_a_drift_of_the_conductivity_is_one_of_the_gain_but_for_the_contacts():
     found, snr = sides(touched(DRIFT), DRIFT)
-    assert 1e-4 * snr < found["_gain_drift"] < 1e-2 * snr
+    assert 1e-4 * snr < found["drifting_gain"] < 1e-2 * snr
     found, snr = sides(touched(DRIFT, skin=POINTS), DRIFT)
-    assert found["_gain_drift"] < 1e-9 * snr
+    assert found["drifting_gain"] < 1e-9 * snr
 
 
 @pytest.mark.parametrize(
     ("beside", "item", "broken"),
     [
-        (None, SMALLER, ["_all_gains", "_contacts"]),  # touches have their places
-        (None, LESS, ["_size"]),
-        (SHAPE, TURN, ["_pure_turn", "_shifted_turn"]),  # a rim that has a direction
-        (GAIN_OF_FORCE, LAW, ["_load_cell"]),  # another that follows the force
-        (GAIN_OF_FORCE, CONTRAST, ["_load_cell"]),
+        (None, SMALLER, ["scaled_currents", "scaled_contacts"]),  # touches have their places
+        (None, LESS, ["scaled_rim"]),
+        (
+            SHAPE,
+            TURN,
+            ["turned_electrodes", "turned_electrodes_and_shift"],
+        ),  # a rim that has a direction
+        (GAIN_OF_FORCE, LAW, ["bent_load_cell"]),  # another that follows the force
+        (GAIN_OF_FORCE, CONTRAST, ["scaled_load_cell"]),
     ],
 )
 def test_an_identity_breaks(beside, item, broken):
@@ -316,12 +322,12 @@ def test_a_shunt_across_two_wires_is_one_gain_in_drive_and_in_measurement():
 @pytest.mark.parametrize("index", [0, 1])
 def test_equal_gains_point_at_the_electrode_and_others_at_the_amplifiers(index):
     search, state = fitted(touched(DRIVES, PAIRS), DRIVES, PAIRS)
-    (said,) = readings(search, state, index, [])
+    (said,) = sentences(search, state, index, [])
     assert "the contact of electrode 5 before the board" in said
     search, state = fitted(touched(DRIVES, OTHER_PAIRS), DRIVES, OTHER_PAIRS)
-    assert readings(search, state, index, []) == []
+    assert sentences(search, state, index, []) == []
     search, state = fitted(touched(DRIVES), DRIVES)
-    assert declared(search, state, 0) == []
+    assert other_sides(search, state, 0) == []
 
 
 def test_equal_gains_have_the_electrodes_seat_among_their_names_where_noise_allows_it():
@@ -405,8 +411,7 @@ def test_a_diagnosis_of_equal_gains_points_at_the_electrodes():
         assert "the contact of electrodes 4 and 5 before the board" in effect["sentence"]
 
 
-def test_the_table_names_what_a_diagnosis_may_name():
-    names = {*catalogue_names()}
-    for identity in IDENTITIES:
-        assert {identity.name, *identity.instead} <= names
-        assert identity.name not in identity.instead
+def test_identities_name_what_a_diagnosis_may_name():
+    for name, effect in EFFECTS.items():
+        names = {other for identity in effect.identities for other in identity.names}
+        assert names <= {*catalogue_names()} - {name}

@@ -8,13 +8,13 @@ from hypothesis import strategies as st
 
 from eitskin.diagnose.verdict.atlas import COLUMNS
 from eitskin.diagnose.verdict.remainder import (
-    MOST,
+    LARGEST_LOG_FACTOR,
     PRIOR,
     WEIGHT,
     log_bayes_factor,
-    other,
     probability,
-    unlike,
+    remainder,
+    unlike_remainder,
 )
 
 
@@ -29,7 +29,7 @@ def test_a_smaller_p_value_makes_something_no_less_probable(a, b):
 
 
 def test_no_p_value_makes_it_certain():
-    most = PRIOR / (1.0 - PRIOR) * np.exp(WEIGHT * MOST)
+    most = PRIOR / (1.0 - PRIOR) * np.exp(WEIGHT * LARGEST_LOG_FACTOR)
     assert probability(0.0) == pytest.approx(most / (1.0 + most))
     assert probability(1.0) == pytest.approx(PRIOR)
 
@@ -42,15 +42,15 @@ def test_what_is_left_is_as_long_as_the_row_that_has_most(catalogue_p):
         [(*row, 1.0, 1.0, "A sentence.") for row in [*rows, ("everything", "all", 900.0, 500)]],
         columns=COLUMNS,
     )
-    assert other(told, catalogue_p).snr == 5.0
-    assert other(told[told["statistic"] == "constant: electrode"], catalogue_p).snr == 3.0
-    assert other(told[told["statistic"] == "everything"], catalogue_p).snr == 0.0
+    assert remainder(told, catalogue_p).snr == 5.0
+    assert remainder(told[told["statistic"] == "constant: electrode"], catalogue_p).snr == 3.0
+    assert remainder(told[told["statistic"] == "everything"], catalogue_p).snr == 0.0
     quiet = told.assign(value=told["dof"] / 2.0)
-    assert other(quiet, catalogue_p).snr == 0.0
+    assert remainder(quiet, catalogue_p).snr == 0.0
 
 
 def test_readings_of_no_such_skin_are_said_to_be_none():
-    found = unlike(0.22)
+    found = unlike_remainder(0.22)
     assert (
         found.probability == probability(0.0)
         and found.snr == np.inf

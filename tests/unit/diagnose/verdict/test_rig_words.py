@@ -29,13 +29,13 @@ def component(name, sd=0.41, low=0.3, high=0.5, unit=None, learned=True):
 
 
 def test_every_component_that_is_known_is_said():
-    assert set(rig_words.FINDINGS) == set(UNITS)
+    assert set(rig_words.SENTENCES) == set(UNITS)
 
 
 @pytest.mark.parametrize("name", UNITS)
 @pytest.mark.parametrize("learned", [True, False])
 def test_every_sentence_is_whole(name, learned):
-    text = rig_words.finding(component(name, learned=learned))
+    text = rig_words.component_sentence(component(name, learned=learned))
     assert not re.search(r"[{}]|None|nan|  ", text)
     assert text[0].isupper() and text.endswith(".") and text.count(".") >= 1
     assert ("90 %" in text) == learned
@@ -43,7 +43,7 @@ def test_every_sentence_is_whole(name, learned):
 
 
 def test_sizes_with_units_and_intervals():
-    said = rig_words.finding
+    said = rig_words.component_sentence
     assert said(component("place-per-press")) == (
         f"The robot's places are good to 0.41 (90 %: 0.30 to 0.50){SP}mm, press by press."
     )
@@ -64,17 +64,17 @@ def test_sizes_with_units_and_intervals():
 
 
 def test_a_name_that_nobody_knows_is_said_with_its_size():
-    text = rig_words.finding(component("stage-backlash", unit="mm"))
+    text = rig_words.component_sentence(component("stage-backlash", unit="mm"))
     assert text == (
         f"The rig has an error called stage-backlash, of 0.41 (90 %: 0.30 to 0.50){SP}mm."
     )
-    share = rig_words.finding(component("supply-ripple", unit="1"))
+    share = rig_words.component_sentence(component("supply-ripple", unit="1"))
     assert share.endswith("of 0.41 (90 %: 0.30 to 0.50).")
 
 
 def test_what_was_left_out():
     def said(**noise):
-        return rig_words.findings({"components": []} | noise)
+        return rig_words.noise_sentences({"components": []} | noise)
 
     assert said() == said(loud_frames=[], jumps=[], spikes={"readings": 0, "share": 0.0}) == []
     assert said(loud_frames=[17, 90]) == [
@@ -95,6 +95,6 @@ def test_what_was_left_out():
 
 def test_components_come_first_in_their_order():
     noise = {"components": [component("gain-walk"), component("place-per-press")], "jumps": [3]}
-    texts = rig_words.findings(noise)
-    assert texts[:2] == [rig_words.finding(each) for each in noise["components"]]
+    texts = rig_words.noise_sentences(noise)
+    assert texts[:2] == [rig_words.component_sentence(each) for each in noise["components"]]
     assert len(texts) == 3

@@ -13,7 +13,7 @@ from eitskin.data.recording import Recording
 from eitskin.diagnose import diagnosis, parts
 from eitskin.diagnose.verdict import conclusion
 from eitskin.diagnose.verdict.validation import validate
-from eitskin.diagnose.verdict.words import of_parts
+from eitskin.diagnose.verdict.words import part_sentences
 from eitskin.errors import InputError
 from small_skin import small_recording
 from witness import owned
@@ -83,7 +83,7 @@ def test_a_step_says_what_it_changed_and_back(stepped, diagnosed):
         assert word in step["sentences"][0]
     of_no_file = {"verdict": "consistent", "effects": [], "other": {"sentence": None}}
     written = [part | of_no_file if "told" in part else part for part in found.parts]
-    heads = [head for head, _ in of_parts({"parts": written, "steps": found.steps})]
+    heads = [head for head, _ in part_sentences({"parts": written, "steps": found.steps})]
     assert [head.split()[0] for head in heads] == ["Frames", "The", "Frames", "The", "Frames"]
 
 
@@ -124,7 +124,7 @@ def test_what_is_told_stands_at_the_top_and_among_the_parts():
     told = {"frames": [5, 60], "told": True}
     said = conclusion.document(replace(found, parts=(other, told), steps=(step,)), "skin")
     validate(said, SCHEMA, "diagnosis.json")
-    assert said["parts"] == [other, told | {key: said[key] for key in conclusion.OF_A_PART}]
+    assert said["parts"] == [other, told | {key: said[key] for key in conclusion.PART_KEYS}]
     assert "parts" not in conclusion.document(found, "skin")
 
 

@@ -17,6 +17,7 @@ from eitskin.diagnose.verdict import corrected
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table
+from eitskin.simulate.twin import Twin
 from eitskin.simulate.twin import write as write_twin
 from small_skin import (
     CHANNELS,
@@ -28,7 +29,7 @@ from small_skin import (
     small_recording,
 )
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[4]
 SCHEMA = ROOT / "workflow" / "schemas" / "config.schema.yaml"
 
 
@@ -72,7 +73,7 @@ KINDS = [
 def test_every_effect_is_accepted(name, tmp_path):
     for candidate in [c for c in KINDS if c.name == name][:3]:
         found, recorded = found_with(candidate)
-        text = corrected.text(found, recorded, np.full(40, 1e-5), "My skin")
+        text = corrected.yaml_text(found, recorded, np.full(40, 1e-5), "My skin")
         config = accepted(text, tmp_path)
         (effect,) = config["twin"]["effects"]
         assert effect["name"] == name
@@ -94,11 +95,11 @@ def test_the_twin_reads_as_the_fit_does(tmp_path):
         c for c in candidates_of(recorded, problem, scales) if c.name == "force-dependent-gain"
     )
     found = fit(problem, [chosen], np.zeros(2), polish=True)
-    text = corrected.text(found, recorded, problem.whitening.sd, "skin")
+    text = corrected.yaml_text(found, recorded, problem.whitening.sd, "skin")
     config = accepted(text, tmp_path)
     small = {"touch_grid": {"radii": 1, "angles": 3, "inner": 0.5, "outer": 0.5}}
     small["press"] = config["twin"]["press"] | {"probes_mm": [8.0], "sessions_per_probe": 1}
-    write_twin(tmp_path / "twin.parquet", **(config["twin"] | small | {"noise": 0.0}))
+    write_twin(tmp_path / "twin.parquet", Twin(**(config["twin"] | small | {"noise": 0.0})))
     twin = recording.read(tmp_path / "twin.parquet")
     model = RecordingSimulator(recorded, twin)
     knobs, settings = problem.split(found.theta, found.effects)
@@ -118,7 +119,7 @@ def test_what_the_owner_did_not_know_is_filled_in(tmp_path):
     }
     recorded.metadata = recorded.metadata | {"skin": skin, "unit": "arbitrary"}
     problem, _ = problem_of(recorded)
-    text = corrected.text(calibrated(problem), recorded, problem.whitening.sd, "skin")
+    text = corrected.yaml_text(calibrated(problem), recorded, problem.whitening.sd, "skin")
     filled = accepted(text, tmp_path)["twin"]["skin"]
     assert None not in filled.values() and len(filled["electrode_deg"]) == 8
     assert "times as much is the recording's unit" in text
@@ -129,7 +130,7 @@ def test_ohms_are_volts_at_one_ampere(tmp_path):
     recorded.metadata = recorded.metadata | {"unit": "ohm"}
     recorded.voltage = recorded.voltage / SKIN.current_A
     problem, _ = problem_of(recorded)
-    text = corrected.text(calibrated(problem), recorded, problem.whitening.sd, "skin")
+    text = corrected.yaml_text(calibrated(problem), recorded, problem.whitening.sd, "skin")
     config = accepted(text, tmp_path)
     assert config["twin"]["skin"]["current_A"] == 1.0
     assert np.isclose(config["twin"]["noise"], 1e-3, rtol=0.05)
@@ -143,7 +144,7 @@ def test_the_protocol_is_the_recording_s(measure, tmp_path):
     recorded.voltage = np.full((len(recorded.frames), len(channels)), 0.04)
     problem, _ = problem_of(replace(recorded))
     found = calibrated(problem)
-    text = corrected.text(found, recorded, np.full(len(channels), 1e-5), "skin")
+    text = corrected.yaml_text(found, recorded, np.full(len(channels), 1e-5), "skin")
     protocol = accepted(text, tmp_path)["protocol"]
     assert np.array_equal(channel_table(8, **protocol), channels)
     assert ("channels" in protocol) == (measure is None)
@@ -162,7 +163,7 @@ def test_a_body_is_written_at_the_accuracy_that_it_was_fitted_at(tmp_path):
     found = replace(start, effects=[body], theta=theta, slopes=jacobian)
     with pytest.raises(InputError, match="apart"):
         problem.model.voltage(*problem.split(theta, [body]), accuracy="diagnose")
-    (effect,) = accepted(corrected.text(found, recorded, np.full(40, 1e-5), "tank"), tmp_path)[
+    (effect,) = accepted(corrected.yaml_text(found, recorded, np.full(40, 1e-5), "tank"), tmp_path)[
         "twin"
     ]["effects"]
     assert effect["parameters"]["depth_mm"] == pytest.approx(low["depth_mm"])

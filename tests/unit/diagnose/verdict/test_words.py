@@ -65,7 +65,7 @@ def test_every_placeholder_is_a_parameter_and_every_parameter_has_one(name):
 @pytest.mark.parametrize("name", sorted(EFFECTS))
 def test_every_sentence_is_whole(name):
     for each in entries(name):
-        text = words.finding(each, EFFECTS[name])
+        text = words.effect_sentence(each, EFFECTS[name])
         assert not re.search(r"[{}|\[\]]|None|nan|  ", text), text
         assert (text[0].isupper() or text[0].isdigit()) and text.endswith("."), text
         measured = [key for key, p in EFFECTS[name].parameters.items() if not p.whole]
@@ -79,7 +79,7 @@ def test_what_is_not_given_is_not_said(name):
     for key in optional:
         full = entry(name)
         some = {**full, "parameters": {k: v for k, v in full["parameters"].items() if k != key}}
-        shorter, longer = words.finding(some, effect), words.finding(full, effect)
+        shorter, longer = words.effect_sentence(some, effect), words.effect_sentence(full, effect)
         assert len(shorter) < len(longer) and shorter.endswith(".") and "[" not in shorter
 
 
@@ -87,7 +87,7 @@ def said(name: str, *arguments, **values) -> str:
     made = entry(name, *arguments)
     for key, (value, low, high) in values.items():
         made["parameters"][key] |= {"value": value, "low": low, "high": high}
-    return words.finding(made, EFFECTS[name])
+    return words.effect_sentence(made, EFFECTS[name])
 
 
 def test_one_site():
@@ -102,8 +102,10 @@ def test_one_site():
 @pytest.mark.parametrize("name", sorted(EFFECTS))
 def test_a_candidate_is_said_with_a_perhaps(name):
     for each in entries(name):
-        sure, text = (words.finding(each | {"certain": c}, EFFECTS[name]) for c in (True, False))
-        assert sure == words.finding(each, EFFECTS[name])
+        sure, text = (
+            words.effect_sentence(each | {"certain": c}, EFFECTS[name]) for c in (True, False)
+        )
+        assert sure == words.effect_sentence(each, EFFECTS[name])
         assert text == f"Perhaps {sure[0].lower()}{sure[1:]}"
 
 
@@ -123,11 +125,13 @@ def test_what_cannot_be_told_apart_is_said_together(contrast, how, what):
     made["parameters"]["contrast"] |= {"value": contrast, "low": 0.9, "high": 1.1}
     written_alike = {"value": 0.384, "low": 0.352, "high": 0.419, "unit": "mm"}
     amounts = {"amounts": {"equivalent_radius_mm": written_alike}}
-    text = words.finding(made | amounts, EFFECTS["conductivity-patch"])
+    text = words.effect_sentence(made | amounts, EFFECTS["conductivity-patch"])
     assert text.startswith(f"The gel conducts {how} about the place x = 0.500 (")
     assert f"a {what} of radius 0.384 (90 %: 0.352 to 0.419)\xa0mm" in text
     assert text.endswith("cannot be told apart.")
-    assert "times as well within 0.500" in words.finding(made, EFFECTS["conductivity-patch"])
+    assert "times as well within 0.500" in words.effect_sentence(
+        made, EFFECTS["conductivity-patch"]
+    )
 
 
 def test_two_sites_in_their_order():
@@ -178,10 +182,10 @@ def test_values_at_a_bound_have_no_digits_of_their_interval():
     made["parameters"]["gain"] |= {"value": gain, "low": gain - 0.1, "high": gain + 0.1}
     made["parameters"]["gain"] |= {"at_bound": bound}
     made["parameters"]["gain"]["high"][0] = 100.0
-    text = words.finding(made, EFFECTS["measurement-gain"])
+    text = words.effect_sentence(made, EFFECTS["measurement-gain"])
     assert "from 0.200 (the least value tried, without an interval) to 3.00 (90 %: 2.90" in text
     made["parameters"]["gain"] |= {"value": np.full(16, 0.2), "at_bound": ["low"] * 16}
-    text = words.finding(made, EFFECTS["measurement-gain"])
+    text = words.effect_sentence(made, EFFECTS["measurement-gain"])
     assert "read about 0.200 (the least value tried, without an interval) times" in text
 
 
@@ -216,7 +220,7 @@ def test_degrees_stand_behind_each_number_and_large_numbers_are_written_alike():
 def test_a_size_that_might_be_anything_is_said_to_be_untold(high, told):
     body = entry("third-dimension")
     body["parameters"]["depth_mm"] |= {"value": 20.0, "low": 2.0, "high": high}
-    text = words.finding(body, EFFECTS["third-dimension"])
+    text = words.effect_sentence(body, EFFECTS["third-dimension"])
     assert ("through 20 (90 %: " in text) == told
     assert ("Its depth_mm cannot be told from these readings." in text) != told
     assert "mm high" in text

@@ -42,9 +42,9 @@ def test_what_something_without_a_name_might_tell_from_another_is_a_candidate(fo
         (NOTHING_UNNAMED.threshold, nearest, True),
         (0.99 * NOTHING_UNNAMED.threshold, 1.01 * nearest, True),
     ):
-        left = replace(found.other, probability=probability, snr=snr)
+        left = replace(found.remainder, probability=probability, snr=snr)
         for gaps_ in (gaps, alike):
-            said = conclusion.document(replace(found, other=left, gaps=[gaps_]), "skin")
+            said = conclusion.document(replace(found, remainder=left, gaps=[gaps_]), "skin")
             (effect,) = said["effects"]
             assert effect["certain"] == certain
             assert effect["sentence"].startswith("Perhaps") != certain
@@ -52,10 +52,10 @@ def test_what_something_without_a_name_might_tell_from_another_is_a_candidate(fo
 
 def test_of_many_names_that_it_cannot_be_told_from_the_nearest_are_said():
     names = ["offset", "crosstalk", "drive-gain", "ground-leak", "common-mode", "memory", "tone"]
-    few = words.confused({"alternatives": names[:6]})
+    few = words.alternatives_sentence({"alternatives": names[:6]})
     assert all(name in few for name in names[:6]) and "further" not in few
-    many = words.confused({"alternatives": names})
+    many = words.alternatives_sentence({"alternatives": names})
     assert many == (
         "This recording cannot tell it from offset, crosstalk, drive-gain and 4 further names."
     )
-    assert words.confused({"alternatives": []}) == ""
+    assert words.alternatives_sentence({"alternatives": []}) == ""
