@@ -427,7 +427,11 @@ def test_no_p_values_are_no_success():
 
 
 def test_a_table_of_claims_is_read_as_it_says():
-    table = "a\n  one | pair, x 3 to 5 | share y | ≥ 0.5 | 0.25 to 1 | top\n  two | all | mean z | | ≤ 2"
+    table = """
+    a
+      one | pair, x 3 to 5 | share y | ≥ 0.5 | 0.25 to 1 | top
+      two | all | mean z | | ≤ 2
+    """
     words = Words(
         {"pair": lambda row: row["n"] == 2, "y": lambda row: row["y"]},
         numbers={"z": lambda row: row["x"]},
