@@ -13,10 +13,10 @@ from sklearn.linear_model import LogisticRegression
 
 from eitskin.diagnose.search.gates import NOTHING_UNNAMED
 from eitskin.effects import EFFECTS
-from eitskin.effects.effect import LeakEffect
+from eitskin.effects.effect import SITES, LeakEffect
 from proof import judge
-from proof.claims import Rows, where
-from proof.intervals import point, resampled, share, wilson
+from proof.claims import Condition, Rows, Words, where
+from proof.intervals import resampled, share, wilson
 
 APART = 8.0  # gap or SNR at which the best test between two names errs once in 30,000, Φ(-4)
 SHOWN = 5.0  # gap from which an effect has to be noticed
@@ -27,7 +27,6 @@ EFFECT = (
     *("kind", "seed", "name", "scope", "gap", "class_size", "others_gap", "right", "declared"),
     *("called", "sited", "sites_right", "covered", "intervals"),
 )
-Condition = Callable[[dict], bool]
 
 
 # Conditions of a row.
@@ -43,9 +42,9 @@ def has_gap(low: float, high: float = np.inf) -> Condition:
     return lambda row: low <= smallest_gap(row) < high or smallest_gap(row) == high
 
 
-def has_snr_left(least: float) -> Condition:
+def has_snr_left(low: float, high: float = np.inf) -> Condition:
     """Whether the best fit leaves so much of the truth, in noise units."""
-    return lambda row: row.get("snr_left", np.nan) >= least
+    return lambda row: low <= row.get("snr_left", np.nan) <= high
 
 
 def is_sited(*kinds: str) -> Condition:
@@ -288,16 +287,6 @@ def unknown_gaps(rows: Rows) -> dict:
     return share(int(np.isnan(gaps).sum()), len(gaps))
 
 
-def largest(key: str) -> Callable[[Rows], dict]:
-    """The largest value that any row has of a number, without an interval."""
-
-    def measure(rows: Rows) -> dict:
-        values = [row[key] for row in rows if not np.isnan(row.get(key, np.nan))]
-        return point(max(values, default=np.nan), len(values))
-
-    return measure
-
-
 # Tables.
 
 
@@ -395,3 +384,48 @@ def reliability(rows: Rows) -> pd.DataFrame:
         fraction = hits / n if n else np.nan
         lines.append({**ends, "probability": mean, "share": fraction, "low": low, "high": high})
     return pd.DataFrame(lines)
+
+
+WORDS = Words(
+    conditions={
+        **{kind: is_kind(kind) for kind in ("null", "single", "pair", "triple", "decoy", "real")},
+        "pair or triple": is_kind("pair", "triple"),
+        "effect": has_effect,
+        "foreign": is_foreign,
+        "native": is_native,
+        "sited": is_sited(*SITES),
+        "at electrodes": is_sited("electrodes"),
+        "class": has_class,
+        "named": is_named,
+        "flagged": is_flagged,
+        "noticed": is_noticed,
+        "broken off": is_broken,
+        "named or broken off": is_alarm(is_named),
+        "flagged or broken off": is_alarm(is_flagged),
+        "noticed or broken off": is_alarm(is_noticed),
+        "decoy named or broken off": is_alarm(has_decoy_named),
+        "right": has_all_right,
+        "class declared": has_class_declared,
+        "sites right": has_sites_right,
+        "side right": has_side_right,
+    },
+    numbers={
+        "coverage": coverages,
+        "error": errors,
+        "misfit closed": misfit_closed,
+        "boxes": boxes_over_ours,
+        "χ²": hidden("chi2_per_dof"),
+        "within 90 %": hidden("within_90"),
+        "seconds": lambda row: row.get("seconds", np.nan),
+        "processor seconds": lambda row: row.get("cpu_seconds", np.nan),
+    },
+    measures={
+        "F1": f1,
+        "AUROC": auroc,
+        "calibration error": calibration_error,
+        "calibration slope": calibration_slope,
+        "unknown gaps": unknown_gaps,
+    },
+    ceilings={"Φ": ceiling},
+    bands={"gap": has_gap, "SNR": has_snr_left},
+)

@@ -1,11 +1,10 @@
 """How often the best candidate's p is small where nothing is left out, from rows of skins."""
 
-import numpy as np
 import pandas as pd
 
-from proof.claims import Rows, at_most, claims, share_of, summary, where
-from proof.intervals import mean, resampled
-from proof.measures import Condition, is_broken
+from proof.claims import Condition, Measure, Rows, Words, summary
+from proof.intervals import resampled
+from proof.measures import is_broken
 from proof.nulls import RIGS
 
 LEVELS = (0.05, 0.01)  # of p
@@ -37,21 +36,7 @@ def p_value_summary(rows: Rows) -> pd.DataFrame:
     recordings and by rig; a recording that breaks off counts as one. Recordings of a skin are
     alike: of all, the interval over skins drawn anew stands beside Wilson's."""
     recordings = _recordings(rows)
-    below = claims("every rig", *(line for level in LEVELS for line in _level_lines(level)))
-    for rig in RIGS:
-        select = where(_is_of(rig))
-        below += claims(rig, *((_text(p), select, share_of(_is_below(p))) for p in LEVELS))
-    skins = claims("the run", ("skins broken off", where(), share_of(is_broken)))
-    run = claims(
-        "the run",
-        ("recordings broken off", where(), share_of(is_broken)),
-        ("processor seconds a recording, mean", where(), _mean_seconds),
-    )
-    return summary((recordings, below), (rows, skins), (recordings, run))
-
-
-def _text(level: float) -> str:
-    return f"best candidate's p below {level:g}"
+    return summary((recordings, CLAIMS), (rows, SKINS), (recordings, RUN))
 
 
 def _is_of(rig: str) -> Condition:
@@ -62,18 +47,45 @@ def _is_below(level: float) -> Condition:
     return lambda null: is_broken(null) or null["p_value"] < level
 
 
-def _level_lines(level: float) -> tuple[tuple, tuple]:
-    def over_skins(recordings: Rows) -> dict:
+def _over_skins(level: float) -> Measure:
+    def measure(recordings: Rows) -> dict:
         seeds = pd.Series([null["seed"] for null in recordings], dtype=object)
         below = pd.Series(list(map(_is_below(level), recordings)), dtype=bool)
         hits, n = (below.groupby(seeds).agg(total).to_numpy() for total in ("sum", "size"))
         return resampled(len(n), lambda index: float(hits[index].sum() / n[index].sum()))
 
-    return (
-        (_text(level), where(), share_of(_is_below(level)), at_most(MOST_OFTEN * level)),
-        (f"{_text(level)}, skins drawn anew", where(), over_skins),
+    return measure
+
+
+WORDS = Words(
+    conditions={
+        **{rig: _is_of(rig) for rig in RIGS},
+        **{f"p < {level:g}": _is_below(level) for level in LEVELS},
+        "broken off": is_broken,
+    },
+    numbers={"processor seconds": lambda null: null["cpu_seconds"]},
+    measures={f"p < {level:g} over skins": _over_skins(level) for level in LEVELS},
+)
+BELOW = "best candidate's p below"
+CLAIMS = WORDS.claims(
+    "every rig"
+    + "".join(
+        f"""
+  {BELOW} {level:g} | all | share p < {level:g} | ≤ {MOST_OFTEN * level:g}
+  {BELOW} {level:g}, skins drawn anew | all | p < {level:g} over skins"""
+        for level in LEVELS
     )
-
-
-def _mean_seconds(recordings: Rows) -> dict:
-    return mean(np.array([null["cpu_seconds"] for null in recordings], float))
+    + "".join(
+        "\n".join(["", rig, *(f"    {BELOW} {p:g} | {rig} | share p < {p:g}" for p in LEVELS)])
+        for rig in RIGS
+    )
+)
+SKINS = WORDS.claims("""
+the run
+  skins broken off | all | share broken off
+""")
+RUN = WORDS.claims("""
+the run
+  recordings broken off | all | share broken off
+  processor seconds a recording, mean | all | mean processor seconds
+""")

@@ -10,22 +10,18 @@ for that reason.
 """
 
 from collections.abc import Callable
-from functools import partial
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
 from eitskin.effects.effect import SITES
-from proof.claims import Claim, Rows, at_least, at_most, claims, share_of, summary, where
-from proof.intervals import Bounds, point
-from proof.measures import Condition
+from proof.claims import Claim, Condition, Rows, Words, summary
 from proof.queries import KINDS
 from witness import owned
 
 WORSE = 2.0  # standard errors: 1 in 44 by chance
-MOST_WORSE = 0.02  # of the queries: about what chance alone gives
 MOST_RATIO = 1.1  # of the rms errors, which a query of few readings reaches by chance
-LEAST_RIGHT = 0.85  # of owners' recordings
 CEILING = 0.02  # off the true one, that a ceiling may be
 OUTCOMES = ("failed", "unusable", "refused", "absent")
 QUERY = (
@@ -169,143 +165,86 @@ def _right(row: dict, outcome: str, declared: list[set[str]]) -> bool:
     return all(any(name in names for names in declared) for name in truth["wanted"])
 
 
-# Claims over lines of the two tables.
+def _is_outcome(outcome: str) -> Condition:
+    return lambda line: line["outcome"] == outcome
 
 
-def _is_outcome(*outcomes: str) -> Condition:
-    return lambda line: line["outcome"] in outcomes
+def _is_true(column: str) -> Condition:
+    return lambda line: line[column] is True
 
 
-def _is_predicted(line: dict) -> bool:
-    return line["outcome"] == "predicted"
+def _has_text(column: str) -> Condition:
+    return lambda line: isinstance(line[column], str) and line[column] != ""
 
 
-def _is_worse(line: dict) -> bool:
-    return line["standard_errors"] > WORSE
+WORDS = Words(  # of lines of the two tables
+    conditions={
+        **{outcome: _is_outcome(outcome) for outcome in ("predicted", *OUTCOMES)},
+        "present": lambda line: line["outcome"] != "absent",
+        "worse": lambda line: line["standard_errors"] > WORSE,
+        "better": lambda line: line["standard_errors"] < -WORSE,
+        "no verdict": lambda line: bool(np.isnan(line["standard_errors"])),
+        "named": _has_text("names"),
+        "false name": lambda line: line["outcome"] == "predicted" and line["false"] > 0,
+        "right": _is_true("right"),
+        "step": lambda line: line["kind"] == "step",
+        "no step": lambda line: line["kind"] != "step",
+        "not clipped": lambda line: line["kind"] != "clipped",
+        "step exact": lambda line: line["steps"] == _numbers([line["step"]]),
+        "fault by step": _is_true("fault_by_step"),
+        "fault after": _is_true("fault_after"),
+        "steps said": _has_text("steps"),
+        "ceiling said": _has_text("ceilings_V"),
+    },
+    numbers={"ratio": lambda line: line["ratio"]},
+)
+# Of all recordings, and without the bounds of each kind. What was not predicted has no *after*; one
+# of no verdict counts as not worse.
+QUERIES = WORDS.claims("""
+all queries
+  after worse than before by over 2 standard errors | predicted | share worse | ≤ 0.02
+  after better by over 2 standard errors | predicted | share better
+  no verdict, of one unit | predicted | share no verdict
+  rms error after over before, largest | predicted | largest ratio | ≤ 1.1
+  an effect named | predicted | share named
+  refused with a message | present | share refused
+  tracebacks | present | share failed | ≤ 0
+""")
+OWNERS = WORDS.claims("""
+all recordings
+  right name or class, or refusal | all | share right | ≥ 0.85
+  an effect named that is none of it | all | share false name
+  after worse than before by over 2 standard errors | predicted | share worse | ≤ 0
+  after better by over 2 standard errors | predicted | share better
+  ended by the check | all | share unusable
+  refused by the diagnosis | all | share refused
+  tracebacks | all | share failed | ≤ 0
+""")
+STEPS = WORDS.claims("""
+step
+  its frame said and no other | step | share step exact | ≥ 1
+  its fault named at its sites, by what the step changed | step | share fault by step
+  its fault alone named at its sites, of the part after it | step | share fault after
+all but step
+  a step said | no step | share steps said
+all but clipped
+  a ceiling said | not clipped | share ceiling said
+""")
 
 
-def _is_better(line: dict) -> bool:
-    return line["standard_errors"] < -WORSE
+def _of_kind(claim: Claim, kind: str) -> Claim:
+    def is_kind(line: dict) -> bool:
+        return line["kind"] == kind
+
+    conditions = (is_kind, *claim.conditions)
+    return replace(claim, subject=kind, conditions=conditions, gate=None)
 
 
-def _is_present(line: dict) -> bool:
-    return line["outcome"] != "absent"
-
-
-def _has_no_verdict(line: dict) -> bool:
-    return bool(np.isnan(line["standard_errors"]))
-
-
-def _has_false_name(line: dict) -> bool:
-    return _is_predicted(line) and line["false"] > 0
-
-
-def _is_step_exact(line: dict) -> bool:
-    return line["steps"] == _numbers([line["step"]])
-
-
-def _largest_ratio(lines: Rows) -> dict:
-    return point(max((line["ratio"] for line in lines), default=np.nan), len(lines))
-
-
-AFTER_WORSE = f"after worse than before by over {WORSE:g} standard errors"
-AFTER_BETTER = f"after better by over {WORSE:g} standard errors"
-Gate = Callable[[Bounds], Bounds | None]  # the bounds of all recordings are asked for, a kind's not
-
-
-def _of_kind(kind: str) -> tuple[Condition, ...]:
-    return (lambda line: line["kind"] == kind,)
-
-
-def _query_claims(subject: str, kind: tuple[Condition, ...], gate: Gate) -> list[Claim]:
-    """A query of no verdict counts as not worse."""
-    predicted, present = where(*kind, _is_predicted), where(*kind, _is_present)
-    return claims(
-        subject,
-        (AFTER_WORSE, predicted, share_of(_is_worse), gate(at_most(MOST_WORSE))),
-        (AFTER_BETTER, predicted, share_of(_is_better)),
-        ("no verdict, of one unit", predicted, share_of(_has_no_verdict)),
-        (
-            "rms error after over before, largest",
-            *(predicted, _largest_ratio, gate(at_most(MOST_RATIO))),
-        ),
-        ("an effect named", predicted, share_of(partial(_has_text, "names"))),
-        ("refused with a message", present, share_of(_is_outcome("refused"))),
-        ("tracebacks", present, share_of(_is_outcome("failed")), gate(at_most(0.0))),
-    )
-
-
-def _owner_claims(subject: str, kind: tuple[Condition, ...], gate: Gate) -> list[Claim]:
-    """What was not predicted has no *after*, and one of no verdict counts as not worse."""
-    members, predicted = where(*kind), where(*kind, _is_predicted)
-    return claims(
-        subject,
-        (
-            "right name or class, or refusal",
-            *(members, share_of(partial(_is_true, "right")), gate(at_least(LEAST_RIGHT))),
-        ),
-        ("an effect named that is none of it", members, share_of(_has_false_name)),
-        (AFTER_WORSE, predicted, share_of(_is_worse), gate(at_most(0.0))),
-        (AFTER_BETTER, predicted, share_of(_is_better)),
-        ("ended by the check", members, share_of(_is_outcome("unusable"))),
-        ("refused by the diagnosis", members, share_of(_is_outcome("refused"))),
-        ("tracebacks", members, share_of(_is_outcome("failed")), gate(at_most(0.0))),
-    )
-
-
-def _has_text(column: str, line: dict) -> bool:
-    return isinstance(line[column], str) and line[column] != ""
-
-
-def _is_true(column: str, line: dict) -> bool:
-    return line[column] is True
-
-
-def _is_not(kind: str, line: dict) -> bool:
-    return line["kind"] != kind
-
-
-STEP = where(*_of_kind("step"))
-STEPS = [
-    *claims(
-        "step",
-        ("its frame said and no other", STEP, share_of(_is_step_exact), at_least(1.0)),
-        (
-            "its fault named at its sites, by what the step changed",
-            *(STEP, share_of(partial(_is_true, "fault_by_step"))),
-        ),
-        (
-            "its fault alone named at its sites, of the part after it",
-            *(STEP, share_of(partial(_is_true, "fault_after"))),
-        ),
-    ),
-    *(
-        claim
-        for kind, column, quantity in (
-            ("step", "steps", "a step said"),
-            ("clipped", "ceilings_V", "a ceiling said"),
-        )
-        for claim in claims(
-            f"all but {kind}",
-            (quantity, where(partial(_is_not, kind)), share_of(partial(_has_text, column))),
-        )
-    ),
-]
-
-
-def _without_gate(bounds: Bounds) -> None:
-    return None
-
-
-CLAIMS_OF: dict[str, list[Claim]] = {
-    "queries": [
-        *_query_claims("all queries", (), lambda bounds: bounds),
-        *(claim for kind in KINDS for claim in _query_claims(kind, _of_kind(kind), _without_gate)),
-    ],
+CLAIMS_OF = {
+    "queries": [*QUERIES, *(_of_kind(claim, kind) for kind in KINDS for claim in QUERIES)],
     "owners": [
-        *_owner_claims("all recordings", (), lambda bounds: bounds),
-        *STEPS,
-        *(c for kind in owned.KINDS for c in _owner_claims(kind, _of_kind(kind), _without_gate)),
+        *(*OWNERS, *STEPS),
+        *(_of_kind(claim, kind) for kind in owned.KINDS for claim in OWNERS),
     ],
 }
 TABLE_OF: dict[str, Callable[[Rows], pd.DataFrame]] = {"queries": queries, "owners": owners}

@@ -6,6 +6,7 @@ Every share and statistic has its interval and its number of recordings.
 import json
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -14,35 +15,12 @@ import pandas as pd
 
 from eitskin.atomic import atomic_path
 from eitskin.effects import EFFECTS
-from eitskin.effects.effect import SITES
 from proof import measures, p_value_score, prediction_score, rig_sizes
 from proof.blocks import sort_of, trials
-from proof.claims import (
-    Claim,
-    Rows,
-    at_least,
-    at_most,
-    claims,
-    mean_over,
-    median_of,
-    share_of,
-    summary,
-    where,
-)
+from proof.claims import Rows, share_of, summary, where
 from proof.intervals import interval_of, share
 from proof.markdown import measured_cells, table
-from proof.measures import (
-    APART,
-    has_all_right,
-    has_gap,
-    hidden,
-    is_alarm,
-    is_broken,
-    is_flagged,
-    is_kind,
-    is_named,
-    is_sited,
-)
+from proof.measures import APART, is_alarm, is_broken, is_flagged, is_named
 from proof.trial import file_of
 from witness.strengths import DRAWN
 
@@ -62,13 +40,14 @@ def read(folder: Path, block: str, size: str) -> tuple[Rows, int]:
     return [{**row, "kind": row["kind"].partition("+")[0]} for row in rows], len(planned)
 
 
-def _foreign_and_native(rows: Rows) -> Rows:
-    """Recordings with foreign physics that the best fit leaves, then those without any."""
-    return FOREIGN_LEFT(rows) + NATIVE(rows)
+def _area(rows: Rows) -> dict:
+    """AUROC of recordings with foreign physics that the best fit leaves, and those without any."""
+    foreign = where(measures.is_foreign, measures.has_snr_left(APART))(rows)
+    return measures.auroc(foreign + where(measures.is_native)(rows))
 
 
 def _rmse_over_boxes(row: dict) -> float:
-    boxes = [hidden(f"rmse_{box}_V")(row) for box in measures.BOXES]
+    boxes = [row["hidden"].get(f"rmse_{box}_V", np.nan) for box in measures.BOXES]
     return float(row["hidden"]["rmse_V"] / np.min(boxes))
 
 
@@ -80,113 +59,83 @@ def _held_out(key: str, row: dict) -> float:
     return row["said"]["fit"]["held_out"][key]
 
 
-def _seconds(key: str, row: dict) -> float:
-    return row.get(key, np.nan)
-
-
 def _rig_sizes_within(rows: Rows) -> dict:
     counts = rig_table(rows).set_index("rig_error").loc["any"]
     return share(counts["within"], counts["told"])
 
 
-ALL, NULL, SINGLE = where(), where(is_kind("null")), (is_kind("single"), has_gap(APART))
-SITED = (*SINGLE, is_sited(*SITES))
-NATIVE, FOREIGN = where(measures.is_native), where(measures.is_foreign)
-FOREIGN_LEFT = where(measures.is_foreign, measures.has_snr_left(APART))
-WITH_EFFECT = where(measures.has_effect)
-RIGHT, COVERAGE = share_of(has_all_right), mean_over(measures.coverages)
-SITES_RIGHT, FLAGGED = share_of(measures.has_sites_right), share_of(is_flagged)
-AT = "right electrode, drive, measuring pair or channels"
-CLASS = "right name or declared class, gap"
-COVERED = "90 % intervals that hold the truth"
-FAR, EACH_FAR = f"gap ≥ {APART:g}", f"each gap ≥ {APART:g} given the others"
-SNR_LEFT = f"SNR ≥ {APART:g} after the best fit"
-WITHIN = f"size within a factor {rig_sizes.WITHIN:g}, of those that can be told"
-
-
-def _set_claims(kind: str, subject: str, least_f1: float) -> list[Claim]:
-    whole_kind, apart = where(is_kind(kind)), where(is_kind(kind), has_gap(APART))
-    return claims(
-        subject,
-        (f"F1 of the set, {EACH_FAR}", apart, measures.f1, at_least(least_f1)),
-        (f"the whole set right, {EACH_FAR}", apart, RIGHT),
-        ("F1 of the set, all", whole_kind, measures.f1),
-        ("the whole set right, all", whole_kind, RIGHT),
-        (COVERED, whole_kind, COVERAGE),
-    )
-
-
+WORDS = replace(
+    measures.WORDS,
+    numbers=measures.WORDS.numbers
+    | {
+        "over boxes": _rmse_over_boxes,
+        "closed": _closed,
+        "held-out χ² before": partial(_held_out, "chi2_per_dof_before"),
+        "held-out χ² after": partial(_held_out, "chi2_per_dof_after"),
+    },
+    measures=measures.WORDS.measures | {"area": _area, "rig sizes within": _rig_sizes_within},
+)
 # Over all rows: a null that breaks off counts as a false alarm.
-NULLS = claims(
-    "nothing left out",
-    ("an effect named", NULL, share_of(is_alarm(is_named)), at_most(0.02)),
-    (
-        "something outside the catalogue flagged",
-        *(NULL, share_of(is_alarm(is_flagged)), at_most(0.03)),
-    ),
-)
+NULLS = WORDS.claims("""
+nothing left out
+  an effect named | null | share named or broken off | ≤ 0.02
+  something outside the catalogue flagged | null | share flagged or broken off | ≤ 0.03
+""")
+SETS = """
+{subject}
+  F1 of the set, each gap ≥ 8 given the others | {kind}, gap ≥ 8 | F1 | ≥ {f1}
+  the whole set right, each gap ≥ 8 given the others | {kind}, gap ≥ 8 | share right
+  F1 of the set, all | {kind} | F1
+  the whole set right, all | {kind} | share right
+  90 % intervals that hold the truth | {kind} | mean coverage
+"""
 # Over rows of diagnoses that did not break off.
-DIAGNOSED = [
-    *claims(
-        "one effect",
-        (f"{CLASS} ≥ {APART:g}", where(*SINGLE), RIGHT, at_least(0.93)),
-        (f"{CLASS} 5 to 8", where(is_kind("single"), has_gap(5.0, 8.0)), RIGHT),
-        (f"{CLASS} 3 to 5", where(is_kind("single"), has_gap(3.0, 5.0)), RIGHT),
-        (f"{AT}, {FAR}", where(*SITED), SITES_RIGHT, at_least(0.95)),
-        (f"{AT}, of those rightly named", where(*SITED, has_all_right), SITES_RIGHT),
-        (
-            "class declared in full, of several",
-            where(*SINGLE, measures.has_class, has_all_right),
-            share_of(measures.has_class_declared),
-        ),
-        (f"{COVERED}, {FAR}", where(*SINGLE), COVERAGE, (0.85, 0.95)),
-    ),
-    *_set_claims("pair", "two effects", 0.90),
-    *_set_claims("triple", "three effects", 0.65),
-    *claims(
-        "outside the catalogue",
-        (f"flagged, {SNR_LEFT}", FOREIGN_LEFT, FLAGGED, at_least(0.70)),
-        ("flagged, all", FOREIGN, FLAGGED),
-        ("falsely flagged: all without it", NATIVE, FLAGGED, at_most(0.05)),
-        (f"AUROC of other.probability, {SNR_LEFT}", _foreign_and_native, measures.auroc),
-        ("other.probability: prevalence here", ALL, share_of(measures.is_foreign)),
-        (
-            "other.probability: expected calibration error",
-            *(ALL, measures.calibration_error, at_most(0.05)),
-        ),
-        ("other.probability: slope", ALL, measures.calibration_slope),
-    ),
-    *claims("errors of the rig", (WITHIN, ALL, _rig_sizes_within, at_least(0.90))),
-    *claims(
-        "hidden frames, an effect",
-        ("χ²/dof, median", WITH_EFFECT, median_of(hidden("chi2_per_dof")), at_most(1.3)),
-        (
-            "RMSE over that of the better black box (GP, MLP), median",
-            *(WITH_EFFECT, median_of(_rmse_over_boxes), at_most(0.5)),
-        ),
-        (
-            "noise-free values within the 90 % bands, mean",
-            *(WITH_EFFECT, mean_over(lambda row: [row["hidden"]["within_90"]]), (0.80, 0.97)),
-        ),
-        ("misfit closed, median", WITH_EFFECT, median_of(_closed)),
-    ),
-    *claims(
-        "held-out frames, an effect",
-        *(
-            (f"χ²/dof {moment}, median", WITH_EFFECT, median_of(partial(_held_out, key)))
-            for moment, key in (("before", "chi2_per_dof_before"), ("after", "chi2_per_dof_after"))
-        ),
-    ),
-]
-BROKEN = claims("the run", ("trials broken off", ALL, share_of(is_broken)))
-RUN = claims(
-    "the run",
-    ("true effects whose gap is not known", ALL, measures.unknown_gaps),
-    ("seconds a diagnosis, median", ALL, median_of(partial(_seconds, "seconds"))),
-    ("seconds a diagnosis, worst", ALL, measures.largest("seconds")),
-    ("processor seconds a diagnosis, median", ALL, median_of(partial(_seconds, "cpu_seconds"))),
-    ("processor seconds a diagnosis, worst", ALL, measures.largest("cpu_seconds")),
+DIAGNOSED = WORDS.claims(
+    """
+one effect
+  right name or declared class, gap ≥ 8 | single, gap ≥ 8 | share right | ≥ 0.93
+  right name or declared class, gap 5 to 8 | single, gap 5 to 8 | share right
+  right name or declared class, gap 3 to 5 | single, gap 3 to 5 | share right
+  {at}, gap ≥ 8 | single, gap ≥ 8, sited | share sites right | ≥ 0.95
+  {at}, of those rightly named | single, gap ≥ 8, sited, right | share sites right
+  class declared in full, of several | single, gap ≥ 8, class, right | share class declared
+  90 % intervals that hold the truth, gap ≥ 8 | single, gap ≥ 8 | mean coverage | 0.85 to 0.95
+""".replace("{at}", "right electrode, drive, measuring pair or channels")
+    + SETS.format(kind="pair", subject="two effects", f1=0.9)
+    + SETS.format(kind="triple", subject="three effects", f1=0.65)
+    + """
+outside the catalogue
+  flagged, SNR ≥ 8 after the best fit | foreign, SNR ≥ 8 | share flagged | ≥ 0.7
+  flagged, all | foreign | share flagged
+  falsely flagged: all without it | native | share flagged | ≤ 0.05
+  AUROC of other.probability, SNR ≥ 8 after the best fit | all | area
+  other.probability: prevalence here | all | share foreign
+  other.probability: expected calibration error | all | calibration error | ≤ 0.05
+  other.probability: slope | all | calibration slope
+errors of the rig
+  size within a factor 1.5, of those that can be told | all | rig sizes within | ≥ 0.9
+hidden frames, an effect
+  χ²/dof, median | effect | median χ² | ≤ 1.3
+  RMSE over that of the better black box (GP, MLP), median | effect | median over boxes | ≤ 0.5
+  noise-free values within the 90 % bands, mean | effect | mean within 90 % | 0.8 to 0.97
+  misfit closed, median | effect | median closed
+held-out frames, an effect
+  χ²/dof before, median | effect | median held-out χ² before
+  χ²/dof after, median | effect | median held-out χ² after
+"""
 )
+BROKEN = WORDS.claims("""
+the run
+  trials broken off | all | share broken off
+""")
+RUN = WORDS.claims("""
+the run
+  true effects whose gap is not known | all | unknown gaps
+  seconds a diagnosis, median | all | median seconds
+  seconds a diagnosis, worst | all | largest seconds
+  processor seconds a diagnosis, median | all | median processor seconds
+  processor seconds a diagnosis, worst | all | largest processor seconds
+""")
 
 
 def diagnoses_summary(rows: Rows) -> pd.DataFrame:

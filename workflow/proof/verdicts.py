@@ -26,15 +26,15 @@ def run(cases: list[str], block: Path, schema: Path, seed: int, code: str) -> No
     """
     refuse_sealed(block)
     for case in cases:
-        folder, files = block / "verdicts" / case, ledger.files_of(block, case)
-        provenance = ledger.sources(code, **files)
+        folder, paths = block / "verdicts" / case, ledger.files_of(block, case)
+        provenance = ledger.sources(code, **paths)
         is_whole = (folder / "diagnosis.json").is_file()
         if is_whole and ledger.stands(folder / PROVENANCE, provenance, block.name == FINAL):
             continue
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
         start = time.perf_counter()
-        failure = ledger.outcome(partial(_diagnose, case, files, folder, schema, seed))
+        failure = ledger.outcome(partial(_diagnose, case, paths, folder, schema, seed))
         if failure:
             shutil.rmtree(folder)
             ledger.write(folder / "diagnosis.json", {"recording": case, **failure})

@@ -51,16 +51,16 @@ def test_the_walk_begins_nowhere_else_than_where_it_says():
 def test_what_is_said_is_judged_by_its_site():
     case = small("drive-gain")
     said = difference(case.control, case.later, pairs.NAMES)
-    row = pairs.reserve(case, said)
+    row = pairs.judged(case, said)
     place = ("drives", tuple(sorted(case.fault["drives"])))
-    right = [one.explained.place == place for one in said.found if one.named]
+    right = [one.explanation.place == place for one in said.findings if one.named]
     assert row["at_site"] == (right == [True])
     assert row["false"] == (not all(right))
     other = {**case.fault, "drives": [7 - d for d in case.fault["drives"]]}
     swapped = pairs.Case(case.control, case.later, other, 0, 9.0, 9.0)
-    assert not pairs.reserve(swapped, said)["at_site"]
+    assert not pairs.judged(swapped, said)["at_site"]
     unharmed = pairs.Case(case.control, case.later, None, 0, 0.0, 0.0)
-    assert pairs.reserve(unharmed, said)["false"] == bool(right)
+    assert pairs.judged(unharmed, said)["false"] == bool(right)
 
 
 def test_a_row_of_other_code_is_made_again(monkeypatch, tmp_path):

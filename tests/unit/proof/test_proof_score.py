@@ -8,6 +8,7 @@ import pytest
 
 from proof import figures, measures, p_value_score, rig_sizes, score
 from proof.blocks import trials
+from proof.claims import Words
 from proof.intervals import bootstrap, wilson
 from proof.judge import covered, matched, names_truth, next_gap
 from proof.trial import file_of
@@ -423,3 +424,25 @@ def test_no_p_values_are_no_success():
     table = p_value_score.p_value_summary([])
     assert (table["n"] == 0).all()
     assert table["met"].isna().all()
+
+
+def test_a_table_of_claims_is_read_as_it_says():
+    table = """
+    a
+      one | pair, x 3 to 5 | share y | ≥ 0.5 | 0.25 to 1 | top
+      two | all | mean z | | ≤ 2
+    """
+    words = Words(
+        {"pair": lambda row: row["n"] == 2, "y": lambda row: row["y"]},
+        numbers={"z": lambda row: row["x"]},
+        ceilings={"top": len},
+        bands={"x": lambda low, high: lambda row: low <= row["x"] < high},
+    )
+    first, second = words.claims(table)
+    rows = [{"n": 2, "x": 3.0, "y": True}, {"n": 2, "x": 5.0, "y": True}, {"n": 1, "x": 4.0}]
+    assert first.select(rows) == rows[:1] and second.select(rows) == rows
+    assert (first.gate, first.target, first.ceiling) == ((0.5, math.inf), (0.25, 1.0), len)
+    assert first.measure(rows[:2])["value"] == 1.0 and second.measure(rows)["value"] == 4.0
+    assert (second.subject, second.gate, second.target) == ("a", None, (-math.inf, 2.0))
+    with pytest.raises(KeyError, match="nobody"):
+        words.claims("a\n  one | nobody | share y")

@@ -41,13 +41,17 @@ def quick(monkeypatch):
         asked.append(float(np.nanmean(recorded.voltage)))
         return asked[-1], seed
 
-    def write(found, name, folder, schema, query):
+    def record(diagnosed, name, query):
+        return [name, *diagnosed]
+
+    def write(recorded, folder, schema, query):
         (Path(folder) / "evidence").mkdir()
         (Path(folder) / "evidence" / "search.csv").write_text("a\n")
-        (Path(folder) / "diagnosis.json").write_text(json.dumps([name, *found]) + "\n")
+        (Path(folder) / "diagnosis.json").write_text(json.dumps(recorded) + "\n")
 
     monkeypatch.setattr(verdicts.diagnosis, "diagnose", diagnose)
-    monkeypatch.setattr(verdicts.result, "write", write)
+    monkeypatch.setattr(verdicts, "record", record)
+    monkeypatch.setattr(verdicts.files, "write", write)
     return asked
 
 
