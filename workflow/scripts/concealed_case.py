@@ -7,5 +7,5 @@ from proof import case_figure
 
 with reported(snakemake.log[0]):
     block = Path(snakemake.input.score).parents[1]
-    out = tuple(Path(snakemake.output[suffix]) for suffix in ("svg", "png", "csv"))
-    case_figure.write(block, Path(snakemake.input.schema), out)
+    figure_paths = tuple(Path(snakemake.output[suffix]) for suffix in ("svg", "png", "csv"))
+    case_figure.write(block, Path(snakemake.input.schema), figure_paths)

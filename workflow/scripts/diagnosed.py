@@ -11,8 +11,8 @@ from eitskin.errors import reported
 from proof.diagnosed import row
 
 with reported(snakemake.log[0]):
-    said = [json.loads(Path(path).read_text("utf-8")) for path in snakemake.input.diagnoses]
-    recorded = [recording.read(path) for path in snakemake.input.recordings]
+    documents = [json.loads(Path(path).read_text("utf-8")) for path in snakemake.input.diagnoses]
+    recordings = [recording.read(path) for path in snakemake.input.recordings]
     with atomic_path(snakemake.output[0]) as path:
-        rows = [row(*each) for each in zip(said, recorded, strict=True)]
+        rows = [row(*pair) for pair in zip(documents, recordings, strict=True)]
         pd.DataFrame(rows).to_csv(path, index=False, float_format="%.3g")

@@ -9,15 +9,15 @@ from proof.tank_geometry import judge, sentence, without_drawing
 
 with reported(snakemake.log[0]):
     recorded = recording.read(snakemake.input[0])
-    told = {"as its owner believes": recorded}
+    variants = {"as its owner believes": recorded}
     if recorded.skin.electrode_width_mm is not None:
-        told["without the drawing"] = without_drawing(recorded)
-    tables, said = [], []
-    for how, each in told.items():
-        table = judge(each, snakemake.params.seed)
-        tables.append(table.assign(recording=snakemake.wildcards.recording, told=how))
-        said.append(f"{snakemake.wildcards.recording}, {how}: {sentence(table)}")
+        variants["without the drawing"] = without_drawing(recorded)
+    tables, sentences = [], []
+    for beliefs, variant in variants.items():
+        table = judge(variant, snakemake.params.seed)
+        tables.append(table.assign(recording=snakemake.wildcards.recording, told=beliefs))
+        sentences.append(f"{snakemake.wildcards.recording}, {beliefs}: {sentence(table)}")
     with atomic_path(snakemake.output.table) as path:
         pd.concat(tables).to_csv(path, index=False)
     with atomic_path(snakemake.output.sentence) as path:
-        path.write_text("\n".join(said) + "\n", encoding="utf-8")
+        path.write_text("\n".join(sentences) + "\n", encoding="utf-8")

@@ -9,6 +9,8 @@ with reported(snakemake.log[0]):
     if not snakemake.input:
         raise InputError("config.yaml", "tanks", "none", "a recording's name")
     table = pd.concat([pd.read_csv(path) for path in snakemake.input])
-    first = ["recording", "told", "geometry"]
+    leading_columns = ["recording", "told", "geometry"]
     with atomic_path(snakemake.output[0]) as path:
-        table[[*first, *table.columns.difference(first, sort=False)]].to_csv(path, index=False)
+        table[[*leading_columns, *table.columns.difference(leading_columns, sort=False)]].to_csv(
+            path, index=False
+        )
