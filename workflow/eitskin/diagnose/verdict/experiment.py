@@ -29,13 +29,13 @@ from eitskin.physics.skin import Skin
 from eitskin.physics.solver import EffortExceeded, forward_model
 from eitskin.quantities import listed, number
 
-MOST_PRESSES = 8  # on which designs are compared: a linear gap takes a body's solution a press
+MOST_PRESSES = 8  # on which designs are compared, as each press costs solutions; the best see all
 FINALISTS = 2  # of these designs, that are then simulated with every press and fitted ...
 BUDGET_SHARE = 0.5  # of what a diagnosis may solve: with it spent nothing more is tried
 FINALIST_SHARE = 0.5  # of the largest gap on those presses: designs below it are no finalists
 REPEATS = 4  # of the recording: a gap twice as large, by the root of the number of frames
-FORCE_FACTOR = 1.5  # a harder press that load cell and gel of a usual rig still stand
-HOLD_S, HOLD_STEP_S = 30.0, 10.0  # some relaxation times of a gel, and a frame each
+FORCE_FACTOR = 1.5  # a harder press that the rig of the recording still stands
+HOLD_S, HOLD_STEP_S = 30.0, 10.0  # so that the relaxation of a gel shows, in three frames
 STATES = ["time_s", "touch", "x_mm", "y_mm", "force_N", "probe_mm"]
 NOTHING = "No experiment is needed to tell names apart."
 AS_IS = "leave it at that"

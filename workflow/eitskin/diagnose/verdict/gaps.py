@@ -30,9 +30,9 @@ from eitskin.effects.effect import Setting
 from eitskin.errors import InputError
 
 CLOSE = 6.0  # times DISTINCT: a linear gap below it may shrink to a class on the nonlinear model
-MOST_FITTED = 5  # rivals a name, as each costs some hundred sheets
-# Of signatures so strong, a linear gap is trusted that is so large a share of them, except those of
-# the nearest: the nonlinear part of a strong effect imitates no third name.
+MOST_FITTED = 5  # rivals of one effect, as each costs a fit on the nonlinear model
+# A linear gap that is so large a share of so strong a signature is far above DISTINCT: it is not
+# worth a fit, but for the nearest names.
 STRONG_SNR, STRONG_SHARE, NEAREST_FITTED = 20.0, 0.2, 3
 
 
