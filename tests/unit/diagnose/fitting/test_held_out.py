@@ -379,7 +379,10 @@ def test_a_gain_is_in_common_beyond_its_scatter_over_presses(judging, gains):
     assert (told < 0.0) == (t < 1.0)
     alone = np.where(np.arange(len(label)) == 3, 40.0, 0.0)
     alone = (alone / frames)[np.searchsorted(label, unit[:, 0])]
-    assert abs(judged.gain_over_presses(other, other, (replace(here, log_density=alone), there))) < 1e-6
+    assert (
+        abs(judged.gain_over_presses(other, other, (replace(here, log_density=alone), there)))
+        < 1e-6
+    )
     one = judge(found, readings, white, sizes, np.zeros_like(unit))
     assert one.gain_over_presses(other, other, (here, there)) == np.inf
     # Presses that were put aside have a gain of their own.
