@@ -506,7 +506,8 @@ def test_an_effect_is_taken_out_where_no_skin_has_the_rest_alone():
         and less.fit.chi2 < (problem.residual(np.zeros(2), effects[:1]) ** 2).sum()
     )
     found = SimpleNamespace(
-        after=SimpleNamespace(fit=both), noise=SimpleNamespace(sd=np.full(len(CHANNELS), NOISE))
+        explanation=SimpleNamespace(fit=both),
+        noise=SimpleNamespace(sd=np.full(len(CHANNELS), NOISE)),
     )
     changes, _ = record._changes(found, problem.whitening.mask)
     assert np.isfinite(changes[0]).all() and np.isnan(changes[1]).all()
