@@ -16,7 +16,7 @@ def left(kind, seed):
     case = cases.draw(kind, seed, FRAMES)
     recorded = Recording(case.states, case.voltage, None, None, dict(case.metadata))
     _, _, state = calibrated(recorded, 1)
-    return missing(SimpleNamespace(after=state, recording=recorded), case)
+    return missing(SimpleNamespace(explanation=state, recording=recorded), case)
 
 
 @pytest.mark.parametrize(
