@@ -30,16 +30,14 @@ from eitskin.physics.solver import skin_capacity
 MIN_FRAMES = 20  # an excerpt of fewer shows too little for a diagnosis
 GIB, FLOAT_BYTES = 1 << 30, 8  # bytes of a GiB and of a number in double precision
 PROGRAM_BYTES = 320 << 20  # interpreter and libraries, and what the allocator holds back
-# Measured: how many of each there are at once.
-SHEET_MATRICES = (
-    5  # of the matrix of the finest sheet's nodes, of which an electrode has two a mode
-)
+# Measured: how many of each there are at once. An electrode has two nodes a mode of a sheet.
+SHEET_MATRICES = 5  # of the matrix of the finest sheet's nodes
 CACHED_BODY_MATRICES, SOLVER_MATRICES = 2, 3  # of the matrix of a body's modes
 TRIAL_COLUMNS = 600  # of columns of trials, sets and rig errors
 GAIN_COLUMNS = 5  # of the columns of a gain for every channel
 GROUP_COPIES = 6  # of columns that are mapped at once
 LINKED_MATRICES, LASTING_ERRORS = 14, 2  # of the matrix of channels by errors that last
-TOUCH_CACHES = 2  # of stores of touched places: of the skin believed, and of one that is tried
+TOUCH_CACHES = 2  # of stores of touched places: of the nominal skin, and of one that is tried
 
 
 @dataclass(frozen=True)

@@ -77,11 +77,11 @@ def simulator(fit: Fit, recording: Recording, query: Recording) -> Callable[...,
         raise InputError("query", f"row {row}", "a touch of unknown state", "x, y, force and probe")
 
     def voltage(theta: np.ndarray, unmapped: int | None = None) -> np.ndarray:
-        knobs, settings = problem.split(theta, fit.effects)
+        calibration, settings = problem.split(theta, fit.effects)
         mapped = [
             mapped_setting(setting, recording.channels, query.channels, float(index == unmapped))
             for index, setting in enumerate(settings)
         ]
-        return problem.model.voltage(knobs, mapped)
+        return problem.model.voltage(calibration, mapped)
 
     return voltage

@@ -18,7 +18,7 @@ from eitskin.physics.accuracy import untouched_error
 from eitskin.physics.geometry import Geometry
 
 # Numerical error of a body that is solved at accuracy `train`, in most channels, over the median
-# |v|; and how many times as much the noise of a frame's mean must be for that to do.
+# |v|; and how many times this error the noise of a frame's mean must be to accept it.
 BODY_ERROR, NOISE_OVER_ERROR = 1e-4, 3.0
 
 

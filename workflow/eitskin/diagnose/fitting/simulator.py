@@ -29,7 +29,7 @@ UNKNOWN = {
     "contact_impedivity_ohm_m2": (2e-3, 1.0),
     "contrast_per_N": (0.5, 2.0),
 }
-CONDUCTIVITY = (0.5, 0.5)
+CONDUCTIVITY = (0.5, 0.5)  # the same of the conductivity, S/m
 CONDUCTIVITY_SD = 0.2  # of a stated one: gels dry and warm
 FACTOR_SD = 10.0  # of a scale's logarithm: any scale
 MAX_SD = 3.0  # prior sds that a calibration may be from its start
