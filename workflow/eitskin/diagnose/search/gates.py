@@ -167,7 +167,7 @@ NAMES = Gate(
     "cost",
     "a third of the catalogue; later names lost in every calibration block",
     SEARCH,
-    "its score comes {value}th of all names; {threshold} are fitted",
+    "its score has rank {value} of all names; ranks up to {threshold} are fitted",
 )
 NEAR_BEST = Gate(
     "near-best",
@@ -218,7 +218,8 @@ COMPETING = Gate(
     "cost",
     "more of them seldom end better and cost a fit each",
     "names that an error of the rig may have taken to itself",
-    "it comes {value}th of the names that one error of the rig may hide; {threshold} are fitted",
+    "it has rank {value} of the names that one error of the rig may hide; ranks up to {threshold} are"
+    " fitted",
 )
 SITES = Gate(
     "sites",
@@ -288,7 +289,7 @@ STARTS = Gate(
     "cost",
     "a fit of a body costs as much as some hundred sheets",
     "effects that no tangent leads to, where nobody touches",
-    "its start comes {value}th of the name; {threshold} are fitted",
+    "its start has rank {value} of the name; ranks up to {threshold} are fitted",
 )
 FORLORN = Gate(
     "forlorn",
