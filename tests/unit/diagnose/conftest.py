@@ -10,4 +10,4 @@ def undrawn(monkeypatch):
     """Reports have their words alone: drawing takes longer than all else."""
     absent = dict.fromkeys(figures.FIGURES, "Not drawn.")
     monkeypatch.setattr(figures, "draw", lambda evidence: absent)
-    monkeypatch.setattr(figures, "changes", lambda evidence: [None] * len(evidence.changes))
+    monkeypatch.setattr(figures, "draw_changes", lambda shown: [None] * len(shown.effect_changes))

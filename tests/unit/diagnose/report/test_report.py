@@ -617,7 +617,7 @@ def test_decisions_are_read_as_the_search_recorded_them(written):
     pd.testing.assert_frame_equal(table, decisions, check_dtype=False)
 
 
-def test_a_folder_without_decisions_says_so(tmp_path):
+def test_a_folder_without_decisions_says_so(tmp_path, undrawn):
     folder, _ = diagnosed(tmp_path, "explained")
     (folder / "evidence" / "decisions.csv").unlink()
     text = rewritten(folder)
