@@ -452,7 +452,7 @@ def _explain(arguments: argparse.Namespace) -> int:
 
     folder = Path(arguments.folder)
     document, decisions = refusals.read(folder)
-    sentences = refusals.explanations(decisions, document, arguments.name)
+    sentences = refusals.sentences(decisions, document, arguments.name)
     if arguments.json:
         answers.write({"folder": str(folder), "sentences": sentences})
         return 0

@@ -118,22 +118,22 @@ def test_a_candidate_among_the_effects_is_said_to_be_one_with_its_reasons():
         {"gate": DISTINCT.name, "value": 9.0, "admitted": True},
     )
     effects = [{"name": "offset", "certain": False}]
-    (sentence,) = refusals.explanations(table, {"effects": effects}, "offset")
+    (sentence,) = refusals.sentences(table, {"effects": effects}, "offset")
     assert sentence == (
         "offset is named as a candidate: its signature is 2 noise units long; it is certain from 3"
         " on; what has no name exceeds the gap to the nearest other name by as much:"
         f" {MINUS}1.50."
     )
-    (sentence,) = refusals.explanations(table, {"effects": [{"name": "offset"}]}, "offset")
+    (sentence,) = refusals.sentences(table, {"effects": [{"name": "offset"}]}, "offset")
     assert sentence == "offset is named, and certain."
 
 
 def test_every_name_of_the_catalogue_has_a_sentence_and_no_other():
-    texts = refusals.explanations(decisions({"gate": NAMES.name, "value": 20.0}), {"effects": []})
+    texts = refusals.sentences(decisions({"gate": NAMES.name, "value": 20.0}), {"effects": []})
     assert [text.split()[0] for text in texts] == sorted(catalogue_names())
     assert "anisotropy met no gate." in texts
     with pytest.raises(InputError, match="sticky-electrode"):
-        refusals.explanations(decisions({"gate": NAMES.name}), {"effects": []}, "sticky-electrode")
+        refusals.sentences(decisions({"gate": NAMES.name}), {"effects": []}, "sticky-electrode")
 
 
 # ---- a search

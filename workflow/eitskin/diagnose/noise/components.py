@@ -2,9 +2,9 @@
 
 A class states how large its error is on an ordinary bench, what it acts on and what it does to the
 readings (its basis). Registered by `component` it is part of the covariance (`rig_errors`), its
-standard deviation is learned (`component_sds`) and reported; nothing else has to be edited. The
-form follows PINT's noise components (Luo et al., ApJ 911, 2021): basis and weights of a low-rank
-part of the covariance.
+standard deviation is learned (`component_sds`) and reported. Its sentence stands in
+`verdict/rig_words.py`, its unit in the test of that. The form follows PINT's noise components (Luo
+et al., ApJ 911, 2021): basis and weights of a low-rank part of the covariance.
 """
 
 from abc import ABC, abstractmethod

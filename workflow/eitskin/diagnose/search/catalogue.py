@@ -65,8 +65,8 @@ def _is_sought(effect: Effect, conditions: Conditions, journal: Journal) -> bool
         (TIMED, conditions.timed or effect.driver != "time"),
         (FLOATING, conditions.floating or not effect.last_resort),
     ):
-        if not journal.passes(gate, holds, effect.name):
-            return journal.admits(gate, holds, effect.name)
+        if not journal.would_pass(gate, holds, effect.name):
+            return journal.judge(gate, holds, effect.name)
     return True
 
 

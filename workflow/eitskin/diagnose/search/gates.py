@@ -2,7 +2,8 @@
 
 A candidate passes the gates in the order in which they stand here: whether it is sought, whether it
 is worth a fit, whether its fit comes to an end, whether it enters, whether it stays, and whether it
-is certain. `Journal.admits` applies a gate and records the value; `eitskin explain` reads that.
+is certain. `Journal.judge` records what a gate does with a candidate; `eitskin explain` reads that.
+Gates that judge sets, pairs of names or the verdict are not recorded.
 """
 
 from collections.abc import Iterator
@@ -218,8 +219,8 @@ COMPETING = Gate(
     "cost",
     "more of them seldom end better and cost a fit each",
     "names that an error of the rig may have taken to itself",
-    "it has rank {value} of the names that one error of the rig may hide; ranks up to {threshold} are"
-    " fitted",
+    "it has rank {value} of the names that one error of the rig may hide; ranks up to {threshold}"
+    " are fitted",
 )
 SITES = Gate(
     "sites",

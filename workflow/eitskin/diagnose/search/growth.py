@@ -23,6 +23,7 @@ from eitskin.diagnose.fitting.tangents import Tangents
 from eitskin.diagnose.search import channels, last_resorts
 from eitskin.diagnose.search.explanation import Explanation, added_effect
 from eitskin.diagnose.search.gates import (
+    BUDGET,
     CATCH_UP,
     CHANCE,
     EFFECTS_OF_A_SET,
@@ -33,6 +34,7 @@ from eitskin.diagnose.search.gates import (
     PLACE,
     PREDICTION,
     UNLIKE,
+    Gate,
 )
 from eitskin.diagnose.search.journal import CUT_SHORT, START, UNLIKE_STEP
 from eitskin.diagnose.search.prediction import is_unlike, likeness, misfit, sure_gain
@@ -83,7 +85,8 @@ def run(
 
 
 def grown(search: Search, calibration: Explanation, begin: Explanation | None = None) -> Outcome:
-    """The same from an explanation without effects, or from `begin`, which has some."""
+    """Grow a set of effects from the calibrated explanation, or from `begin`, which has some; the
+    search as it ended, the calibrated explanation, and the best one."""
     search.journal.step("calibrate", None, calibration)
     if begin is not None:
         for effect in begin.effects:
@@ -94,7 +97,11 @@ def grown(search: Search, calibration: Explanation, begin: Explanation | None = 
                 in_blur, another = last_resorts.another_instrument(search, calibration)
                 if another is not None:
                     return in_blur, calibration, another
-            return search, calibration, _explained(search, _drop(search, _confirmed(search, begin)))
+            return (
+                search,
+                calibration,
+                _grown_and_stood(search, _drop(search, _confirmed(search, begin))),
+            )
         blurred, begin = last_resorts.blurred(search, begin)
         confirmed = _drop(blurred, _confirmed(blurred, begin))
         if replaces_instrument(confirmed.effects):
@@ -115,12 +122,12 @@ def grown(search: Search, calibration: Explanation, begin: Explanation | None = 
     free = _with_free_channels(search, explanation)
     if free is not None:
         search = replace(search, rival_evidence=free.log_evidence)
-    best = _without_freedom(search, explanation, _explained(search, explanation))
+    best = _without_freedom(search, explanation, _grown_and_stood(search, explanation))
     # What is unfinished has not lost to free channels.
     if free is not None and free.log_evidence > best.log_evidence and not search.spent:
         search.journal.step("swap", free.effects[-1], free)
         search = replace(search, rival_evidence=-np.inf)
-        best = _explained(search, _drop(search, free))
+        best = _grown_and_stood(search, _drop(search, free))
     return search, calibration, best
 
 
@@ -130,10 +137,10 @@ def _tries_last_resorts(search: Search, explanation: Explanation) -> bool:
         (GROSS_MISFIT, misfit(search.problem, explanation)),
         (UNLIKE, likeness(search, explanation)),
     )
-    admits = search.journal.admits
+    judge = search.journal.judge
     is_tried = is_unlike(search, explanation)
     for name in dict.fromkeys(c.name for c in search.last_resorts):
-        is_tried |= all(admits(gate, value, name, explanation) for gate, value in values)
+        is_tried |= all(judge(gate, value, name, explanation) for gate, value in values)
     return is_tried
 
 
@@ -156,7 +163,7 @@ def cut_short(search: Search, explanation: Explanation) -> None:
     search.journal.step(CUT_SHORT, None, explanation)
 
 
-def _explained(search: Search, explanation: Explanation) -> Explanation:
+def _grown_and_stood(search: Search, explanation: Explanation) -> Explanation:
     """What grows from an explanation, and stands against other names."""
     return _stand(search, _grow(search, explanation))
 
@@ -188,13 +195,13 @@ def _rival(
     branch = replace(
         search, candidates=candidates, rival_evidence=evidence, cache=search.cache.branch()
     )
-    rival = _explained(branch, start)
+    rival = _grown_and_stood(branch, start)
     if rival.log_evidence <= best.log_evidence:
         return best
     for effect in best.effects:
         if effect.key not in rival.key:
             value = best.log_evidence - rival.log_evidence
-            search.journal.admits(FREEDOM, value, effect, rival)
+            search.journal.judge(FREEDOM, value, effect, rival)
     search.cache.adopt(branch.cache)
     return rival
 
@@ -241,7 +248,18 @@ def _grow(search: Search, explanation: Explanation) -> Explanation:
         lack = search.rival_evidence - explanation.log_evidence - room * gain
         if not CATCH_UP.admits(lack):
             break
+    if not EFFECTS_OF_A_SET.admits(len(explanation.effects)):
+        _refuse_rest(search, EFFECTS_OF_A_SET, len(explanation.effects), explanation)
     return explanation
+
+
+def _refuse_rest(search: Search, gate: Gate, value: float, explanation: Explanation) -> None:
+    """Record that every name that an explanation does not have stops at a gate."""
+    search.journal.begin_round()
+    names = {c.name for c in explanation.effects}
+    for name in dict.fromkeys(c.name for c in search.candidates):
+        if name not in names:
+            search.journal.judge(gate, value, name, explanation)
 
 
 def _with_gross_fault(
@@ -273,13 +291,13 @@ def _with_gross_fault(
     ]
     remainder, best = min(remainders)
     share = remainder / max(unexplained(settings), TINY)
-    if not search.journal.admits(GROSS_SHARE, share, faults[best], explanation):
+    if not search.journal.judge(GROSS_SHARE, share, faults[best], explanation):
         return None
     effects = [*explanation.effects, faults[best]]
     theta = np.r_[start, np.zeros(sum(c.size for c in effects))]
     trial = explain(search, fit(problem, effects, theta, polish=True))
     raised = trial.log_evidence - explanation.log_evidence
-    if not search.journal.admits(EVIDENCE, raised, faults[best], explanation):
+    if not search.journal.judge(EVIDENCE, raised, faults[best], explanation):
         return None
     draw_null(search, linearised(search, trial))
     gain = 2.0 * (trial.log_likelihood - explanation.log_likelihood)
@@ -301,17 +319,18 @@ def _add(search: Search, explanation: Explanation) -> Explanation | None:
         f"{ranked[0].candidate.name}, of which p = {p_value:.2g}"
     )
     if search.spent:
+        _refuse_rest(search, BUDGET, search.budget_used, explanation)
         return None
     for trial in trials(search, explanation, ranked):
         new = added_effect(explanation, trial)
         raised = trial.log_evidence - explanation.log_evidence
-        if not search.journal.admits(EVIDENCE, raised, new, explanation):
+        if not search.journal.judge(EVIDENCE, raised, new, explanation):
             continue
         p = trial.p_values[new.key]
-        if not search.journal.admits(CHANCE, p, new, explanation):
+        if not search.journal.judge(CHANCE, p, new, explanation):
             continue
         sure = sure_gain(search, trial, explanation)
-        if search.journal.admits(PREDICTION, sure, new, explanation) and _is_needed(
+        if search.journal.judge(PREDICTION, sure, new, explanation) and _is_needed(
             search, trial, new
         ):
             trial = trial.with_p_values({**explanation.p_values, new.key: p})
@@ -329,15 +348,15 @@ def _is_needed(search: Search, trial: Explanation, new: Candidate) -> bool:
     assert trial.score is not None
     p = ratio_p_value(search, trial.score, reduced_set, trial)
     raised = trial.log_evidence - reduced_set.log_evidence
-    admits = search.journal.admits
-    return admits(CHANCE, p, new, reduced_set) and admits(EVIDENCE, raised, new, reduced_set)
+    judge = search.journal.judge
+    return judge(CHANCE, p, new, reduced_set) and judge(EVIDENCE, raised, new, reduced_set)
 
 
 def _confirmed(search: Search, explanation: Explanation) -> Explanation:
     """An explanation from before, less the effects that all frames do not bear out, each with the
     p-value of its likelihood ratio on all of them."""
     draw_null(search, linearised(search, explanation))
-    admits = search.journal.admits
+    judge = search.journal.judge
     while True:
         for index, reduced_set in each_without(search, explanation, len(explanation.effects)):
             effect = explanation.effects[index]
@@ -346,9 +365,9 @@ def _confirmed(search: Search, explanation: Explanation) -> Explanation:
             p = global_p(search, ratio.p_value)
             raised = explanation.log_evidence - reduced_set.log_evidence
             if not (
-                admits(EVIDENCE, raised, effect, reduced_set)
-                and admits(CHANCE, p, effect, reduced_set)
-                and admits(
+                judge(EVIDENCE, raised, effect, reduced_set)
+                and judge(CHANCE, p, effect, reduced_set)
+                and judge(
                     PREDICTION, sure_gain(search, explanation, reduced_set), effect, reduced_set
                 )
             ):
@@ -368,7 +387,7 @@ def _drop(search: Search, explanation: Explanation) -> Explanation:
         dropped = False
         for index, reduced_set in each_without(search, explanation, len(explanation.effects) - 1):
             raised = explanation.log_evidence - reduced_set.log_evidence
-            if not search.journal.admits(EVIDENCE, raised, explanation.effects[index], reduced_set):
+            if not search.journal.judge(EVIDENCE, raised, explanation.effects[index], reduced_set):
                 search.journal.step("drop", explanation.effects[index], reduced_set)
                 explanation, dropped = reduced_set, True
                 break
@@ -447,10 +466,10 @@ def _in_place(search: Search, explanation: Explanation, index: int) -> Explanati
             - explanation.log_evidence
             - _further_sites(effect, rival.effects[-1])
         )
-        if not search.journal.admits(PLACE, ahead, new, reduced_set, effect.name):
+        if not search.journal.judge(PLACE, ahead, new, reduced_set, effect.name):
             continue
         sure = sure_gain(search, rival, reduced_set)
-        if search.journal.admits(PREDICTION, sure, new, reduced_set, effect.name):
+        if search.journal.judge(PREDICTION, sure, new, reduced_set, effect.name):
             p = rival.p_values[new.key]
             rival = rival.with_p_values({**explanation.p_values, new.key: p})
             search.journal.step("swap", new, rival, p)

@@ -58,7 +58,7 @@ class Journal:
         """Count another round."""
         self.round += 1
 
-    def admits(
+    def judge(
         self,
         gate: Gate,
         value: float,
@@ -67,9 +67,9 @@ class Journal:
         place: str = "",
         detail: str = "",
     ) -> bool:
-        """Whether a gate lets a candidate pass beside an explanation; recorded."""
+        """Record a value held against a gate beside an explanation; return whether it passes."""
         name = candidate if isinstance(candidate, str) else candidate.name
-        admitted = self.passes(gate, value, name)
+        admitted = self.would_pass(gate, value, name)
         beside = "" if explanation is None else " ".join(c.name for c in explanation.effects)
         kind = "" if isinstance(candidate, str) else candidate.kind or ""
         sites = sites_text(candidate)
@@ -77,23 +77,23 @@ class Journal:
         self.decisions.append(Decision(self.round, name, kind, sites, *judgement))
         return admitted
 
-    def any_admits(
+    def judge_any(
         self,
         values: Iterable[tuple[Gate, float]],
         candidate: Candidate | str,
         explanation: Explanation | None = None,
         detail: str = "",
     ) -> bool:
-        """Whether one of several gates, each with a value, lets a candidate pass; where none does
-        all are recorded, else the first that does."""
+        """Record several gates, each with a value, of which one must let a candidate pass; return
+        whether one does. Where none does all are recorded, else the first that does."""
         values = list(values)
         name = candidate if isinstance(candidate, str) else candidate.name
-        passed = [pair for pair in values if self.passes(*pair, name)]
+        passed = [pair for pair in values if self.would_pass(*pair, name)]
         for gate, value in passed[:1] or values:
-            self.admits(gate, value, candidate, explanation, detail=detail)
+            self.judge(gate, value, candidate, explanation, detail=detail)
         return bool(passed)
 
-    def passes(self, gate: Gate, value: float, name: str) -> bool:
+    def would_pass(self, gate: Gate, value: float, name: str) -> bool:
         """Whether a gate lets a value pass, or is opened for a name; not recorded."""
         return gate.admits(value) or (gate.name, name) in self.opened
 

@@ -78,7 +78,7 @@ def another_instrument(
     for group in nearest(problem, explanation.effects, explanation.fit.theta, candidate_groups):
         trial = from_far(search, explanation, group, start_coordinates(group))
         if not isinstance(trial, Explanation):
-            search.journal.admits(trial.gate, trial.value, group[0], explanation)
+            search.journal.judge(trial.gate, trial.value, group[0], explanation)
             continue
         if is_unlike(search, trial):
             continue
@@ -86,13 +86,13 @@ def another_instrument(
         p = global_p(search, chance_p_value(gain, sum(c.size for c in group)))
         p_values = {**explanation.p_values, **{c.key: p for c in group}}
         raised = trial.log_evidence - explanation.log_evidence
-        if search.journal.admits(EVIDENCE, raised, group[0], explanation):
+        if search.journal.judge(EVIDENCE, raised, group[0], explanation):
             better.append(trial.with_p_values(p_values))
     if not better:
         return search, None
     in_blur, best = blurred(search, max(better, key=lambda trial: trial.log_evidence))
     resort = best.effects[len(explanation.effects)]
-    if not search.journal.admits(SIZE, size_sd(best.fit), resort, explanation):
+    if not search.journal.judge(SIZE, size_sd(best.fit), resort, explanation):
         return in_blur.restored(), None
     for effect in best.effects[len(explanation.effects) :]:
         search.journal.step("add", effect, best, best.p_values[effect.key])

@@ -79,7 +79,7 @@ def _scores(search: Search, explanation: Explanation, tangents: Tangents) -> lis
     scored = sorted((s for s in ranked if s is not None), key=lambda s: -s.log_evidence)
     for name in dict.fromkeys(c.name for c in open_candidates):
         if name not in {s.candidate.name for s in scored}:
-            search.journal.admits(SIGNATURE, False, name, explanation)
+            search.journal.judge(SIGNATURE, False, name, explanation)
     return scored
 
 
@@ -154,7 +154,7 @@ def _switch_scores(
         c
         for c in candidates
         if c.key not in lengths
-        or search.journal.admits(REACH, lengths[c.key] / chi2, c, explanation)
+        or search.journal.judge(REACH, lengths[c.key] / chi2, c, explanation)
     ]
     products_of: dict[tuple, tuple[float, float]] = {}
     shares = cores.shares([candidate] for candidate in reached)
@@ -187,7 +187,7 @@ def _hopeful_names(
     hopeful = {}
     for name, best in {s.candidate.name: s for s in reversed(ranked)}.items():
         detail = f"its own best score has a p-value of {number(global_p(search, best.p_value), 2)}"
-        if search.journal.any_admits(values, best.candidate, explanation, detail):
+        if search.journal.judge_any(values, best.candidate, explanation, detail):
             hopeful[name] = best
     return hopeful
 
@@ -232,13 +232,13 @@ def _without_component(
         s
         for s in best_scores
         if s is not None
-        and search.journal.admits(ABSORBED, global_p(search, s.p_value), s.candidate, explanation)
+        and search.journal.judge(ABSORBED, global_p(search, s.p_value), s.candidate, explanation)
     ]
     significant.sort(key=lambda s: -s.log_evidence)
     return [
         s
         for rank, s in enumerate(significant, start=1)
-        if search.journal.admits(COMPETING, rank, s.candidate, explanation)
+        if search.journal.judge(COMPETING, rank, s.candidate, explanation)
     ]
 
 
@@ -281,8 +281,8 @@ def trials(
 
     def attempt(proposal: Score) -> Explanation | Refusal:
         if search.spent:
-            return Refusal(BUDGET, np.inf)
-        races = not search.journal.passes(RACE, np.inf, proposal.candidate.name)
+            return Refusal(BUDGET, search.budget_used)
+        races = not search.journal.would_pass(RACE, np.inf, proposal.candidate.name)
         enough = cost_for(explanation, best - race) if races else np.inf
         trial = with_effect(search, explanation, proposal.candidate, enough)
         if isinstance(trial, Explanation):
@@ -298,12 +298,12 @@ def trials(
     fitted = []
     for proposal, trial in zip(attempted, fits, strict=True):
         if isinstance(trial, Refusal):
-            search.journal.admits(trial.gate, trial.value, proposal.candidate, explanation)
+            search.journal.judge(trial.gate, trial.value, proposal.candidate, explanation)
             continue
         new = added_effect(explanation, trial)
         p_value = ratio_p_value(search, proposal, explanation, trial)
         if (behind := best - trial.log_evidence) > race:
-            search.journal.admits(RACE, behind, proposal.candidate, explanation)
+            search.journal.judge(RACE, behind, proposal.candidate, explanation)
         fitted.append(trial.with_p_values({**trial.p_values, new.key: p_value}, proposal))
         if not trial.fit.converged:
             search.report(f"{new.name}: its fit did not come to an end")

@@ -86,8 +86,8 @@ def _worth(
         (FOLDS, folds_gain - STANDARD_ERRORS * folds_error),
         (PRESSES, reserve.gain_over_presses(explanation.fit, reduced_set.fit, folds)),
     ]
-    admits = search.journal.admits
-    worth = min((v for gate, v in values if not admits(gate, v, effect, reduced_set)), default=0.0)
+    judge = search.journal.judge
+    worth = min((v for gate, v in values if not judge(gate, v, effect, reduced_set)), default=0.0)
     harm = reserve.harm(
         explanation.fit, reduced_set.fit, (explanation.held_out, reduced_set.held_out)
     )
@@ -109,5 +109,5 @@ def _is_harmless(
     ratio = rms / rms_without if rms_without else (np.inf if rms else 1.0)
     values = [(HARM_RATIO, ratio), (HARM_ERRORS, 0.0 if np.isnan(errors) else errors)]
     if is_accepted:
-        return journal.any_admits(values, effect, reduced_set)
-    return all([journal.admits(gate, value, effect, reduced_set) for gate, value in values])
+        return journal.judge_any(values, effect, reduced_set)
+    return all([journal.judge(gate, value, effect, reduced_set) for gate, value in values])

@@ -279,7 +279,7 @@ def from_far(
     except (InputError, np.linalg.LinAlgError):
         return Refusal(PHYSICS, 0.0)
     except EffortExceeded:
-        return Refusal(BUDGET, np.inf)
+        return Refusal(BUDGET, search.budget_used)
 
 
 def with_effect(
@@ -295,7 +295,7 @@ def with_effect(
             union = _joined(effect, candidate)
             if union is None:
                 return Refusal(ENTRY, 0.0)
-            if not search.journal.passes(SITES, len(union.site_indices), union.name):
+            if not search.journal.would_pass(SITES, len(union.site_indices), union.name):
                 return Refusal(SITES, len(union.site_indices))
             place = explanation.fit.coordinate_slice(index)
             values = _joined_coordinates(effect, union, theta[place])
@@ -371,14 +371,14 @@ def _fitted(
                 from_beliefs = fit(problem, effects, afresh, limits=FitLimits(enough))
                 fitted = min(fitted, from_beliefs, key=lambda f: f.chi2)
             behind = 0.5 * (fitted.cost - explanation.fit.cost)
-            if not search.journal.passes(ASTRAY, behind, effects[-1].name):
+            if not search.journal.would_pass(ASTRAY, behind, effects[-1].name):
                 return Refusal(ASTRAY, behind)
             p_values, sds = explanation.p_values, explanation.error_sds
             return explain(search, fitted, p_values, sds, explanation.rig)
     except (InputError, np.linalg.LinAlgError):
         return Refusal(PHYSICS, 0.0)
     except EffortExceeded:
-        return Refusal(BUDGET, np.inf)
+        return Refusal(BUDGET, search.budget_used)
 
 
 def without(search: Search, explanation: Explanation, index: int) -> Explanation:

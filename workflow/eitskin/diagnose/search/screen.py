@@ -41,7 +41,7 @@ def best_amplitude(evidence: list) -> np.ndarray:
     return np.max(evidence, axis=0) - np.log(len(AMPLITUDES))
 
 
-def explained(columns: np.ndarray, residual: np.ndarray) -> tuple[float, int]:
+def explained_square(columns: np.ndarray, residual: np.ndarray) -> tuple[float, int]:
     """Squared length of residual (D,) in the span of columns (k, D), and that span's dimension."""
     size, turn = np.linalg.eigh(columns @ columns.T)
     nonzero = size > ROUNDING * size[-1]
@@ -86,7 +86,7 @@ def score(tangents: Tangents, candidate: Candidate) -> Score | None:
     columns = tangents.columns(candidate)
     if not len(columns):
         return None
-    gain, dof = explained(columns, tangents.residual)
+    gain, dof = explained_square(columns, tangents.residual)
     information = columns @ columns.T
     evidence = log_evidence(columns @ tangents.residual, information)
     evidence -= np.log(candidate.looks)

@@ -12,6 +12,7 @@ from eitskin.diagnose.noise.rig_errors import RigErrors
 from eitskin.diagnose.noise.scoring import ScoringCache
 from eitskin.diagnose.search import far_starts
 from eitskin.diagnose.search.explanation import Explanation
+from eitskin.diagnose.search.gates import BUDGET
 from eitskin.diagnose.search.journal import Journal
 from eitskin.diagnose.search.screen import NullDistribution, Score
 from eitskin.physics.geometry import Geometry
@@ -23,11 +24,11 @@ MOST_SOLVED = 16_000  # sheets that one diagnosis may solve: some minutes on one
 class Cache:
     """What a search computed, by the keys of sets of effects.
 
-    tangents: about a set; met: the explanation that these are about; reduced: sets less one effect,
-    with the fit of the whole set; scores, trials: beside a set, with its fit; lengths: squared
-    length of the change by each candidate without coordinates; scoring: of the sds of the rig's
-    errors; null: distribution of the least p-value by chance alone; best_refused: the set that
-    candidates were last held against, and the global p-value of the best of them.
+    tangents: about a set; met: the explanation that the tangents of a set are about; reduced: sets
+    less one effect, with the fit of the whole set; scores, trials: beside a set, with its fit;
+    lengths: squared length of the change by each candidate without coordinates; scoring: of the sds
+    of the rig's errors; null: distribution of the least p-value by chance alone; best_refused: the
+    set that candidates were last held against, and the global p-value of the best of them.
     """
 
     tangents: dict[tuple, Tangents] = field(default_factory=dict)
@@ -66,9 +67,10 @@ class Search:
     nobody touches; seed: of the recordings in which nothing is missing; report: called with a line
     of progress; last_resorts: candidates that are tried where the readings are not those of the
     skin; budget_share: of all that a diagnosis may solve; learns_rig: whether errors of the rig may
-    add to the covariance; converter_step: of the readings, 0 where unknown; rig: the errors about
-    the calibrated fit; unblurred: problem and rig before `last_resorts.blurred`, where the search
-    is in that noise; rival_evidence: log evidence that a set must reach to matter.
+    add to the covariance; converter_step: of the readings, 0 where unknown; rig: its errors,
+    linearised about the calibrated fit, once the search has ended about the final one; unblurred:
+    problem and rig before `last_resorts.blurred`, where the search is in that noise;
+    rival_evidence: log evidence that a set must reach to matter.
     """
 
     problem: Problem
@@ -94,7 +96,13 @@ class Search:
     @property
     def spent(self) -> bool:
         """Whether the budget is used up, so that the search ends with what it has."""
-        return self.problem.model.solved_skins.effort > self.budget
+        return not BUDGET.admits(self.budget_used)
+
+    @property
+    def budget_used(self) -> float:
+        """Sheets solved so far over the budget."""
+        effort = self.problem.model.solved_skins.effort
+        return effort / self.budget if self.budget else float(np.inf if effort else 0.0)
 
     @property
     def untouched(self) -> bool:

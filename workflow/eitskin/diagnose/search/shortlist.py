@@ -28,13 +28,13 @@ def shortlist(
             forms.append(score)
     listed = []
     for rank, (name, forms) in enumerate(by_name.items(), start=1):
-        if name not in names or not journal.admits(NAMES, rank, forms[0].candidate, explanation):
+        if name not in names or not journal.judge(NAMES, rank, forms[0].candidate, explanation):
             continue
         for score in forms:
             values = [(NEAR_BEST, score.log_evidence - top), (GAIN_SHARE, _ratio(score.gain, gain))]
             if score.candidate.effect.driver == "amplitude":
                 values.append((AMPLITUDE, score.gain))
-            if journal.any_admits(values, score.candidate, explanation):
+            if journal.judge_any(values, score.candidate, explanation):
                 listed.append(score)
     return sorted(listed, key=lambda s: s.candidate.size > LIGHT_SIZE)
 

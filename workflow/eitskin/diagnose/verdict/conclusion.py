@@ -13,6 +13,7 @@ from eitskin.diagnose.search.gates import (
     OBSERVABLE,
     REMAINDER,
     STANDS_OUT,
+    Gate,
 )
 from eitskin.diagnose.search.refits import reduced, without_discrepancy
 from eitskin.diagnose.verdict import identities, words
@@ -53,13 +54,11 @@ def document(diagnosis: Diagnosis, recording: str) -> dict[str, Any]:
 def conclude(diagnosis: Diagnosis) -> Verdict:
     """The verdict on a diagnosed recording.
 
-    Chi squared before and after are of the reserve, both in the covariance of the fit after. The
-    gates of certainty are recorded in the journal of the search.
+    Chi squared before and after are of the reserve, both in the covariance of the fit after.
     """
     explanation, noise = diagnosis.explanation, diagnosis.noise
     remainder = diagnosis.remainder
-    named_fit = without_discrepancy(explanation, explanation.fit)
-    p_value = diagnosis.reserve.p_value(named_fit, noise.dof)
+    p_value = held_out_p(diagnosis)
     entries = [_entry(diagnosis, i, p_value) for i in range(len(explanation.effects))]
     fit = _held_out(diagnosis)
     summary = verdict([e["certain"] for e in entries], p_value, remainder.probability)
@@ -158,7 +157,7 @@ def _entry(diagnosis: Diagnosis, index: int, p_value: float) -> dict:
             "p_value": explanation.p_value(candidate),
         },
         "gap": gaps[0].gap if gaps else None,
-        "certain": _is_certain(diagnosis, index, p_value),
+        "certain": all(gate.admits(value) for gate, value in certainty(diagnosis, index, p_value)),
     }
     if combined := amounts(explanation.fit, index, entry["parameters"]):
         entry["amounts"] = combined
@@ -172,20 +171,23 @@ def _entry(diagnosis: Diagnosis, index: int, p_value: float) -> dict:
     return entry
 
 
-def _is_certain(diagnosis: Diagnosis, index: int, p_value: float) -> bool:
-    """Whether an effect is more than a candidate: the fit as a whole is acceptable, the effect
-    stands out from what has no name, and the remainder, where there probably is one, could not
-    distinguish it from another name."""
-    explanation, gaps = diagnosis.explanation, diagnosis.gaps[index]
-    remainder, admits = diagnosis.remainder, diagnosis.search.journal.admits
-    effect = explanation.effects[index]
-    is_acceptable = admits(ACCEPTABLE, p_value, effect, explanation)
-    stands_out = admits(STANDS_OUT, gaps[0].snr if gaps else np.inf, effect, explanation)
-    nearest = min((g.gap for g in gaps if DISTINCT.admits(g.gap)), default=np.inf)
-    is_distinct = NOTHING_UNNAMED.admits(remainder.probability) or admits(
-        REMAINDER, nearest - remainder.snr, effect, explanation
-    )
-    return is_acceptable and stands_out and is_distinct
+def certainty(diagnosis: Diagnosis, index: int, p_value: float) -> list[tuple[Gate, float]]:
+    """The gates that effect `index` must pass to be certain, and its values: the fit as a whole is
+    acceptable, the effect stands out from what has no name, and the remainder, where there probably
+    is one, could not distinguish it from another name."""
+    gaps, remainder = diagnosis.gaps[index], diagnosis.remainder
+    values = [(ACCEPTABLE, p_value), (STANDS_OUT, gaps[0].snr if gaps else np.inf)]
+    if not NOTHING_UNNAMED.admits(remainder.probability):
+        nearest = min((g.gap for g in gaps if DISTINCT.admits(g.gap)), default=np.inf)
+        values.append((REMAINDER, nearest - remainder.snr))
+    return values
+
+
+def held_out_p(diagnosis: Diagnosis) -> float:
+    """P-value of the reserve's chi squared, nothing without a name in its covariance."""
+    explanation = diagnosis.explanation
+    named_fit = without_discrepancy(explanation, explanation.fit)
+    return diagnosis.reserve.p_value(named_fit, diagnosis.noise.dof)
 
 
 def _share(diagnosis: Diagnosis, index: int) -> float:

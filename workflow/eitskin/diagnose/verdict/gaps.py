@@ -23,7 +23,7 @@ from eitskin.diagnose.search.explanation import Explanation
 from eitskin.diagnose.search.gates import DISTINCT
 from eitskin.diagnose.search.refits import linearised, reduced
 from eitskin.diagnose.search.refits import rough as rough_problem
-from eitskin.diagnose.search.screen import explained, sparse
+from eitskin.diagnose.search.screen import explained_square, sparse
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.verdict.identities import is_two_sided, other_sides
 from eitskin.effects.effect import Setting
@@ -207,7 +207,7 @@ def _linear_gap(tangents: Tangents, signature: np.ndarray, candidate: Candidate)
     columns = tangents.columns(candidate)
     if not len(columns):
         return None
-    gain, _ = explained(columns, signature)
+    gain, _ = explained_square(columns, signature)
     return float(np.sqrt(max(float(signature @ signature) - gain, 0.0)))
 
 

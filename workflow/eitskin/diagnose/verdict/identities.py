@@ -23,7 +23,7 @@ from eitskin.diagnose.fitting.tangents import Tangents
 from eitskin.diagnose.search.explanation import Explanation
 from eitskin.diagnose.search.gates import DISTINCT
 from eitskin.diagnose.search.refits import linearised, reduced
-from eitskin.diagnose.search.screen import explained, sparse
+from eitskin.diagnose.search.screen import explained_square, sparse
 from eitskin.diagnose.search.search import Search
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import Moment, Setting, SkinEffect
@@ -177,7 +177,7 @@ class FittedEffect:
         else:
             columns = np.delete(fitted.jacobian, self.coordinates, axis=0)
             columns = columns.reshape(len(columns), -1)
-        followed = explained(columns, change)[0] if len(columns) else 0.0
+        followed = explained_square(columns, change)[0] if len(columns) else 0.0
         return float(np.sqrt(max(change @ change - followed, 0.0)))
 
     def fitted_substitute(self, name: str, displacement: complex) -> tuple[dict[str, Any], float]:
@@ -234,7 +234,7 @@ class FittedEffect:
         signature = tangents.project_out(change)
         dense = [c for c in search.candidates if c.name in names and c.scope == "dense"]
         columns = np.concatenate([tangents.columns(sparse(c, tuple(electrodes))) for c in dense])
-        gain, _ = explained(columns, signature)
+        gain, _ = explained_square(columns, signature)
         return float(np.sqrt(max(signature @ signature - gain, 0.0)))
 
 

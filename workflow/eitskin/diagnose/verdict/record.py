@@ -13,9 +13,10 @@ from eitskin.diagnose.fitting.fit import rewhitened
 from eitskin.diagnose.fitting.held_out import HeldOut, held_out
 from eitskin.diagnose.fitting.query import predict
 from eitskin.diagnose.search.explanation import Explanation
+from eitskin.diagnose.search.journal import Journal
 from eitskin.diagnose.search.refits import as_reported
 from eitskin.diagnose.verdict import corrected
-from eitskin.diagnose.verdict.conclusion import document, unobservable
+from eitskin.diagnose.verdict.conclusion import certainty, document, held_out_p, unobservable
 from eitskin.diagnose.verdict.diagnosis import Diagnosis
 from eitskin.diagnose.verdict.experiment import propose
 from eitskin.effects import EFFECTS, catalogue_names
@@ -53,10 +54,20 @@ def record(diagnosis: Diagnosis, name: str, query: Recording | None = None) -> R
         "rivals": rivals,
         "identifiability": _identifiability(diagnosis),
         "search": pd.DataFrame(diagnosis.search.journal.steps),
-        "decisions": diagnosis.search.journal.table(),
+        "decisions": _decisions(diagnosis),
     }
     simulator = corrected.yaml_text(fitted, diagnosis.recording, diagnosis.noise.sd, name)
     return Record(content, simulator, prediction, arrays, tables, experiment)
+
+
+def _decisions(diagnosis: Diagnosis) -> pd.DataFrame:
+    """The decisions of the search, then those on the certainty of each effect, one a row."""
+    explanation, p_value = diagnosis.explanation, held_out_p(diagnosis)
+    journal = Journal(decisions=[*diagnosis.search.journal.decisions])
+    for index, effect in enumerate(explanation.effects):
+        for gate, value in certainty(diagnosis, index, p_value):
+            journal.judge(gate, value, effect, explanation)
+    return journal.table()
 
 
 def read_query(path: str | Path, recording: Recording) -> Recording:

@@ -58,7 +58,9 @@ def read(folder: Path) -> tuple[dict, pd.DataFrame]:
         if not file.is_file():
             expected = "the folder of a diagnosis of this version"
             raise InputError(folder, str(file.relative_to(folder)), "no such file", expected)
-    decisions = pd.read_csv(path, keep_default_na=False, dtype={"sites": str, "value": float})
+    texts = ("kind", "sites", "beside", "place", "detail")
+    decisions = pd.read_csv(path, dtype=dict.fromkeys(texts, str))
+    decisions[[*texts]] = decisions[[*texts]].fillna("")
     return json.loads((folder / "diagnosis.json").read_text(encoding="utf-8")), decisions
 
 
@@ -76,7 +78,7 @@ def stop(decisions: pd.DataFrame, effects: Sequence[str], name: str) -> Stop | N
         refused = choice[~choice["admitted"]]
         if len(refused):
             final_round = refused[refused["round"] == refused["round"].max()]
-            stopping = final_round.groupby("sites", sort=False).head(1)
+            stopping = final_round.groupby(["kind", "sites"], sort=False).head(1)
             row = stopping.loc[stopping["gate"].map(ORDER).idxmax()]
             return Stop(
                 name,
@@ -98,7 +100,7 @@ def stops(decisions: pd.DataFrame, effects: Sequence[str]) -> list[Stop]:
     return [met for met in candidates if met is not None]
 
 
-def explanations(decisions: pd.DataFrame, diagnosis: dict, name: str | None = None) -> list[str]:
+def sentences(decisions: pd.DataFrame, diagnosis: dict, name: str | None = None) -> list[str]:
     """Sentences on every name of the catalogue, or on one.
 
     diagnosis: the content of diagnosis.json. Raises InputError for a name that is not in the
@@ -108,14 +110,14 @@ def explanations(decisions: pd.DataFrame, diagnosis: dict, name: str | None = No
     if name is not None and name not in catalogue:
         raise InputError("eitskin explain", "NAME", name, f"one of {', '.join(catalogue)}")
     entries = {entry["name"]: entry for entry in diagnosis["effects"]}
-    sentences = []
+    lines = []
     for effect in catalogue if name is None else [name]:
         if effect in entries:
-            sentences.append(_named_sentence(entries[effect], decisions))
+            lines.append(_named_sentence(entries[effect], decisions))
             continue
         end = stop(decisions, list(entries), effect)
-        sentences.append(f"{effect} met no gate." if end is None else end.sentence)
-    return sentences
+        lines.append(f"{effect} met no gate." if end is None else end.sentence)
+    return lines
 
 
 def _named_sentence(entry: dict, decisions: pd.DataFrame) -> str:
