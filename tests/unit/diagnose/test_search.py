@@ -348,7 +348,7 @@ def test_trials_of_other_processes_are_of_this_search(contact, monkeypatch):
 
 def test_what_trials_solve_counts_for_those_that_follow(contact, monkeypatch):
     found = contact[1]
-    held, state, near = found.search, found.baseline, found.search.problem.model.near
+    held, state, near = found.search, found.baseline, found.search.problem.model.solved_skins
     begun, seen = near.effort, []
     monkeypatch.setattr(refits, "PROCESSES", 2)
 
@@ -394,7 +394,7 @@ def test_names_that_a_rig_error_holds_are_found_as_if_all_were_scored_without_it
 
 
 def test_a_trial_whose_own_score_chance_gives_does_not_enter(contact, monkeypatch):
-    found, before = contact[1].search, contact[1].before
+    found, before = contact[1].search, contact[1].baseline
     trials = [
         replace(t, p_values={t.effects[-1].key: CHANCE.threshold})
         for t in proposals.trials(found, before, proposals.scores(found, before))
@@ -421,23 +421,23 @@ def test_shuffled_channels_take_the_evidence_of_a_contact(contact):
 
 @pytest.mark.parametrize("wins", [False, True])
 def test_a_second_growth_that_loses_leaves_no_trace(contact, monkeypatch, wins):
-    state = contact[1].before
+    state = contact[1].baseline
     held = replace(contact[1].search, cache=contact[1].search.cache.branch())
     met = held.cache.met
     refits.linearised(held, state)
-    held.cache.trials[state.key] = state.fit, [contact[1].after]
+    held.cache.trials[state.key] = state.fit, [contact[1].explanation]
     other = replace(state, fit=replace(state.fit))
 
     def grown(branch, _explanation):
         refits.linearised(branch, other)
         return replace(other, log_evidence=np.inf if wins else -np.inf)
 
-    monkeypatch.setattr(growth, "_explained", grown)
+    monkeypatch.setattr(growth, "_grown_and_stood", grown)
     found = growth._rival(held, state, state, held.candidates)
     met = held.cache.met[state.key]
     assert (met is other) == wins == (found.fit is other.fit)
     if not wins:
-        assert proposals.cached_trials(held, met) == [contact[1].after]
+        assert proposals.cached_trials(held, met) == [contact[1].explanation]
 
 
 def test_a_broken_wire_is_no_name_where_the_readings_are_of_no_such_skin(monkeypatch):
@@ -536,7 +536,7 @@ def test_a_body_is_found_from_beliefs_where_a_sheet_took_the_calibrations_astray
 
 def test_a_set_without_effects_is_fitted_without_a_discrepancy_too(contact, monkeypatch):
     """Its evidence is what every name must beat: it may not stay where a climb is stuck."""
-    own, before = contact[1].search, contact[1].before
+    own, before = contact[1].search, contact[1].baseline
     assert not before.effects and before.error_sds["static-discrepancy"] > 0.0
     tried, learned_explanation = [], refits._learned_explanation
 
@@ -561,7 +561,7 @@ def test_a_discrepancy_that_explains_far_more_is_not_taken_out(
 ):
     """Where the fit without it is further behind than FORLORN after a step, and what the next one
     promises, and not far off."""
-    own, before = contact[1].search, contact[1].before
+    own, before = contact[1].search, contact[1].baseline
     trial = next(
         t
         for t in proposals.trials(own, before, proposals.scores(own, before))
