@@ -84,7 +84,7 @@ def test_the_least_p_value_of_the_catalogue_is_calibrated(tangents, columns):
         seen = noisy(tangents, columns, draw)
         found.append(nothing.p_value(min(score(seen, c).p_value for c in chosen)))
     assert kstest(found, "uniform").pvalue > 1e-3
-    assert nothing.p_value(0.0) == pytest.approx(1 / (1 + len(nothing.least)))
+    assert nothing.p_value(0.0) == pytest.approx(1 / (1 + len(nothing.least_p_values)))
 
 
 def test_the_choice_of_the_best_few_sites_counts(tangents, columns):

@@ -48,7 +48,7 @@ def test_sizes_of_a_rig_are_found(kind):
     _, search, _ = staging.prepared(recorded, 1)
     name, size = size_of(case)
     least = 2.0 if kind == "gain-walk" else 1.5  # one path of a random walk
-    assert 1 / least < refits.calibrated(search)[1].sizes[name] / size < least
+    assert 1 / least < refits.calibrated(search)[1].error_sds[name] / size < least
 
 
 @pytest.mark.long

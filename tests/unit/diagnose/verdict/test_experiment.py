@@ -104,7 +104,7 @@ def test_the_gap_proposed_is_reached_with_noise(item, rival, forces, noise, word
     gained = []
     for seed in range(6):
         draw = np.random.default_rng(seed).normal(size=clean.shape)
-        noisy = replace(problem, recorded=clean + design.whitening.sd * draw)
+        noisy = replace(problem, readings=clean + design.whitening.sd * draw)
         search = Search(noisy, found.search.candidates, rows, seed=1, report=lambda line: None)
         true = refits.explain(search, fit(noisy, effects, theta, polish=True))
         less = refits.reduced(search, true, 0)
