@@ -177,12 +177,12 @@ def adapter(
         device
     )
     mean, scale = (model.tensors[f"state_{key}"][columns] for key in ("mean", "scale"))
-    state = ((torch.from_numpy(truth) - mean) / scale).float().to(device)
+    standardised_truth = ((torch.from_numpy(truth) - mean) / scale).float().to(device)
     gain = torch.ones_like(voltage[0]).requires_grad_()
     shift = torch.zeros_like(voltage[0]).requires_grad_()
     adam = torch.optim.Adam([gain, shift], lr=RATE)
     for _ in range(STEPS):
-        error = module(gain * voltage + shift)[:, columns] - state
+        error = module(gain * voltage + shift)[:, columns] - standardised_truth
         loss = error.square().mean(dim=1).sum()
         loss = loss + RIDGE * ((gain - 1).square().sum() + shift.square().sum())
         adam.zero_grad()

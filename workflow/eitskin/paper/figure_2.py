@@ -62,7 +62,7 @@ class Rules:
     def implied(self, edge: tuple[str, str]) -> bool:
         """Whether an edge is implied by a longer path."""
         predecessor, successor = edge
-        siblings = {end for start, end in self.edges if start == predecessor} - {successor}
+        siblings = {end for origin, end in self.edges if origin == predecessor} - {successor}
         return any(successor in self.followers(sibling) for sibling in siblings)
 
 

@@ -59,15 +59,19 @@ def collect(
         how="left",
         validate="many_to_one",
     )
-    numbers = paper(published)
-    printed = numbers[numbers["recording"] == "simulated"].rename(columns={"value": "paper"})
+    published_values = paper(published)
+    printed = published_values[published_values["recording"] == "simulated"].rename(
+        columns={"value": "paper"}
+    )
     configurations = pd.DataFrame({"configuration": list(repeated)}, dtype=str)
     printed = printed.assign(split="random").merge(configurations, "cross")
     keys = ["configuration", "recording", "split", "model", "target", "metric"]
     rows = rows.merge(printed, on=keys, how="left", validate="many_to_one")
     order = {
         "split": ["random", "place", "session", "continuous"],
-        "model": [m + end for m in dict.fromkeys(numbers["model"]) for end in ("", ENSEMBLE)],
+        "model": [
+            m + end for m in dict.fromkeys(published_values["model"]) for end in ("", ENSEMBLE)
+        ],
         "target": list(TARGETS),
         "metric": list(METRICS),
     }

@@ -62,8 +62,8 @@ class PatchEdge(Circle):
             place = f"({patch.x_mm:g}, {patch.y_mm:g}) mm, radius {patch.radius_mm:g} mm"
             expected = f"a disc within the skin, off its rim by {LEAST_GAP:g} of its radius"
             raise InputError("skin", "patch", place, expected)
-        needed_nodes = max(self.digits / np.log1p(gap), LEAST_NODES)
-        count = next((n for n in NODE_COUNTS if n >= needed_nodes), NODE_COUNTS[-1])
+        minimum_node_count = max(self.digits / np.log1p(gap), LEAST_NODES)
+        count = next((n for n in NODE_COUNTS if n >= minimum_node_count), NODE_COUNTS[-1])
         self.t, self.weight = even_nodes(count)
         self.zeta, self.tangent, curvature = self.mapped(self.t, 2)
         self.dzeta = self.tangent * self.weight

@@ -20,9 +20,9 @@ def in_groups(function: Callable[[np.ndarray], np.ndarray], columns: np.ndarray)
     if columns.nbytes <= WHOLE_BYTES:
         return function(columns)
     size = max(GROUP_BYTES // columns[0].nbytes, 1)
-    first_group = function(columns[:size])
-    mapped = np.empty((len(columns), *first_group.shape[1:]))
-    mapped[:size] = first_group
+    first_result = function(columns[:size])
+    mapped = np.empty((len(columns), *first_result.shape[1:]))
+    mapped[:size] = first_result
     for start in range(size, len(columns), size):
         mapped[start : start + size] = function(columns[start : start + size])
     return mapped

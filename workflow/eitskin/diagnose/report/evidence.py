@@ -204,20 +204,22 @@ def _residuals(path: Path) -> dict:
 
 def _table(path: Path, column_kinds: dict[str, str]) -> pd.DataFrame:
     """A CSV file with these columns; empty cells are NaN in columns of numbers, else ""."""
-    text_columns = [name for name, kind in column_kinds.items() if kind != NUMBER]
+    text_columns = [column_name for column_name, kind in column_kinds.items() if kind != NUMBER]
     table = pd.read_csv(_existing(path), dtype=dict.fromkeys(text_columns, str))
     if list(table) != list(column_kinds):
         raise InputError(path, "columns", ", ".join(table), ", ".join(column_kinds))
-    for name, kind in column_kinds.items():
+    for column_name, kind in column_kinds.items():
         if kind == NUMBER:
-            table[name] = _numbers(path, table[name])
+            table[column_name] = _numbers(path, table[column_name])
             continue
-        table[name] = table[name].fillna("")
+        table[column_name] = table[column_name].fillna("")
         if kind == FLAG:
-            for row, cell in enumerate(table[name]):
+            for row, cell in enumerate(table[column_name]):
                 if cell not in ("True", "False"):
-                    raise InputError(path, f"column {name}, row {row}", repr(cell), "True, False")
-            table[name] = table[name] == "True"
+                    raise InputError(
+                        path, f"column {column_name}, row {row}", repr(cell), "True, False"
+                    )
+            table[column_name] = table[column_name] == "True"
     return table
 
 
