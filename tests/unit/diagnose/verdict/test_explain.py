@@ -50,7 +50,8 @@ def stopped(effects: list[str], *rows: dict) -> refusals.Stop | None:
         ),
         (
             {"gate": NAMES.name, "value": 14.0, "kind": "measures", "sites": "5"},
-            "offset at pair 5 stopped at names: its score comes 14th of all names; 12 are fitted.",
+            "offset at pair 5 stopped at names: its score has rank 14 of all names; ranks up to 12"
+            " are fitted.",
         ),
         (
             {"gate": EVIDENCE.name, "value": -1.25, "kind": "channels", "sites": "3 4"},
@@ -65,7 +66,7 @@ def stopped(effects: list[str], *rows: dict) -> refusals.Stop | None:
                 "sites": " ".join("0123456789"),
             },
             "offset at 10 channels stopped at chance: chance alone gives so good a score, over the"
-            " whole catalogue, in 0.500 of recordings; an effect enters below 0.00100.",
+            " whole catalogue, in 0.500 of recordings; an effect enters below 0.0010.",
         ),
         (
             {"gate": PLACE.name, "value": 0.5, "beside": "drive-gain", "place": "drive-gain"},
@@ -74,8 +75,8 @@ def stopped(effects: list[str], *rows: dict) -> refusals.Stop | None:
         ),
         (
             {"gate": NAMES.name, "value": 14.0, "detail": "its score is 2 nats"},
-            "offset stopped at names: its score comes 14th of all names; 12 are fitted; its score"
-            " is 2 nats.",
+            "offset stopped at names: its score has rank 14 of all names; ranks up to 12"
+            " are fitted; its score is 2 nats.",
         ),
     ],
 )
