@@ -343,7 +343,7 @@ def test_trials_of_other_processes_are_of_this_search(contact, monkeypatch):
     whitenings = [trial.fit.problem.whitening for trial in trials]
     in_use = held.problem.whitening, state.fit.problem.whitening
     own = [one for one in whitenings if not any(one is other for other in in_use)]
-    assert own and not any("parts" in vars(one) for one in own)
+    assert own and not any("factors" in vars(one) for one in own)
 
 
 def test_what_trials_solve_counts_for_those_that_follow(contact, monkeypatch):

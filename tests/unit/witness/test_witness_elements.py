@@ -101,7 +101,7 @@ def test_reciprocity_and_no_leak():
 
 def finer(fineness):
     """All sides half as long, but under an electrode."""
-    sides = ("end", "rim", "most", "circle", "crossing", "gap")
+    sides = ("end", "rim", "max_size", "circle", "crossing", "gap")
     return replace(fineness, **{side: 0.5 * getattr(fineness, side) for side in sides})
 
 
