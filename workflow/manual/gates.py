@@ -1,7 +1,6 @@
 """The gates of the search as a page, by purpose, in the order in which a candidate meets them."""
 
 from eitskin.diagnose.search.gates import Gate, every
-from eitskin.quantities import MINUS
 
 PURPOSES = {
     "scope": "what is sought",
@@ -42,4 +41,4 @@ def _side(gate: Gate) -> str:
     """The side of the threshold on which a gate lets pass; a condition is 1 where it holds."""
     if (gate.passes, gate.threshold) == ("at least", 1.0):
         return "where it holds"
-    return f"{gate.passes} {gate.threshold:.3g}".replace("-", MINUS)
+    return f"{gate.passes} {gate.threshold_text}"

@@ -66,7 +66,7 @@ def stopped(effects: list[str], *rows: dict) -> refusals.Stop | None:
                 "sites": " ".join("0123456789"),
             },
             "offset at 10 channels stopped at chance: chance alone gives so good a score, over the"
-            " whole catalogue, in 0.500 of recordings; an effect enters below 0.0010.",
+            " whole catalogue, in 0.500 of recordings; an effect enters below 0.001.",
         ),
         (
             {"gate": PLACE.name, "value": 0.5, "beside": "drive-gain", "place": "drive-gain"},

@@ -185,7 +185,7 @@ def why_not(evidence: Evidence) -> str:
             rows.append([code(name), NONE, NONE, NONE, "It met no gate."])
             continue
         stop = stops[name]
-        passes = f"{stop.gate.passes} {number(stop.gate.threshold)}"
+        passes = f"{stop.gate.passes} {stop.gate.threshold_text}"
         cells = [code(name), code(stop.gate.name), number(stop.value), passes]
         rows.append([*cells, escape(stop.sentence)])
     heads = ["name", "gate", "value", "passes", "in words"]

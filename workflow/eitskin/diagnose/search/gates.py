@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from eitskin.quantities import MINUS
+
 # Standard errors by which a gain of predictive density must exceed chance: p = 0.023, one-sided.
 STANDARD_ERRORS = 2.0
 SEARCH = "every candidate of the search"
@@ -36,6 +38,11 @@ class Gate:
     source: str
     applies_to: str
     refusal: str
+
+    @property
+    def threshold_text(self) -> str:
+        """The threshold with three digits at most."""
+        return f"{self.threshold:.3g}".replace("-", MINUS)
 
     def admits(self, value: float) -> bool:
         """Whether a value of the statistic passes; NaN does not."""

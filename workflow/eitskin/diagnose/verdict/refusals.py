@@ -40,7 +40,7 @@ class Stop:
     @property
     def sentence(self) -> str:
         """What stopped the name, in words."""
-        threshold = number(self.gate.threshold, 2)
+        threshold = self.gate.threshold_text
         text = self.gate.refusal.format(
             value=number(self.value), threshold=threshold, place=self.place
         )
@@ -130,7 +130,7 @@ def _named_sentence(entry: dict, decisions: pd.DataFrame) -> str:
     reasons = [
         BY_NAME[row.gate].refusal.format(
             value=number(row.value),
-            threshold=number(BY_NAME[row.gate].threshold, 2),
+            threshold=BY_NAME[row.gate].threshold_text,
             place=row.place,
         )
         for row in rows.itertuples()
