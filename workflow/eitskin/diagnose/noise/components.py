@@ -295,15 +295,10 @@ class ForcePerFrame(TouchComponent):
 
 
 @component
-class PlacePerPress(PressTouchComponent):
+class PlacePerPress(PressTouchComponent, PlacePerFrame):
     """The robot's place is off, press by press."""
 
     name, unit, prior_sd = "place-per-press", "mm", 1.0
-
-    def displacements(self, linearisation: Linearisation) -> list[tuple[str, np.ndarray]]:
-        """Of every touch, along x and along y."""
-        touched = linearisation.touched.astype(float)
-        return [("x_mm", touched), ("y_mm", touched)]
 
 
 @component

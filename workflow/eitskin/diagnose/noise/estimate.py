@@ -80,9 +80,11 @@ class _CompleteReadings:
             @ self.even
             / np.sqrt(law[0] + law[1] * (self.even**2).T @ self.squared_level)
         )
-        left, singular_values, _ = np.linalg.svd(scaled - scaled.mean(axis=0), full_matrices=False)
+        left_vectors, singular_values, _ = np.linalg.svd(
+            scaled - scaled.mean(axis=0), full_matrices=False
+        )
         rank = rank_above_noise(singular_values, (len(scaled) - 1, scaled.shape[1]))
-        return left[:, : min(rank, (len(scaled) - 1) // 2)]
+        return left_vectors[:, : min(rank, (len(scaled) - 1) // 2)]
 
     def _witness(
         self,
@@ -101,9 +103,11 @@ class _CompleteReadings:
             explained = np.column_stack([explained, modes])
         complement = np.linalg.qr(explained, mode="complete")[0][:, explained.shape[1] :]
         rows = complement.T @ (values @ combinations) / scale
-        left, singular_values, right = np.linalg.svd(rows, full_matrices=False)
+        left_vectors, singular_values, right_vectors = np.linalg.svd(rows, full_matrices=False)
         rank = rank_above_noise(singular_values, rows.shape)
-        incoherent = (left[:, rank:] * singular_values[rank:]) @ right[rank:] * scale
+        incoherent = (
+            (left_vectors[:, rank:] * singular_values[rank:]) @ right_vectors[rank:] * scale
+        )
         filled = weight.T @ self.filled_share
         dof = (len(rows) - rank) * (1.0 - rank / rows.shape[1]) * (1.0 - filled)
         return _Witness(np.sum(incoherent**2, axis=0) / dof, dof, level)
@@ -195,8 +199,12 @@ def _filled(voltage: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np
         for rank in range(min(values.shape) - 1):
             for _ in range(FILL_ROUNDS):
                 mean = values.mean(axis=0)
-                left, singular_values, right = np.linalg.svd(values - mean, full_matrices=False)
-                fit = mean + (left[:, :rank] * singular_values[:rank]) @ right[:rank]
+                left_vectors, singular_values, right_vectors = np.linalg.svd(
+                    values - mean, full_matrices=False
+                )
+                fit = (
+                    mean + (left_vectors[:, :rank] * singular_values[:rank]) @ right_vectors[:rank]
+                )
                 change = np.sqrt(np.mean((fit - values)[gaps] ** 2))
                 values = np.where(gaps, fit, values)
                 if change <= FILL_CHANGE * np.sqrt(np.mean((fit - values) ** 2)):

@@ -170,8 +170,8 @@ def _usable(lost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _coherent_modes(white: np.ndarray, rank: int) -> np.ndarray:
     """(C, R) directions over the columns of (N, C), of some rank, that are no noise."""
-    _, singular_values, right = np.linalg.svd(white, full_matrices=False)
-    return right[: rank_above_noise(singular_values, (rank, white.shape[1]))].T
+    _, singular_values, right_vectors = np.linalg.svd(white, full_matrices=False)
+    return right_vectors[: rank_above_noise(singular_values, (rank, white.shape[1]))].T
 
 
 def _modes(scaled: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -179,8 +179,10 @@ def _modes(scaled: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     simulated readings (N, M) in units of their noise: those of which an error of MODE_ERROR would
     show in it."""
     mean = scaled.mean(axis=0)
-    left, singular_values, right = np.linalg.svd(scaled - mean, full_matrices=False)
+    left_vectors, singular_values, right_vectors = np.linalg.svd(scaled - mean, full_matrices=False)
     count = int(np.sum(MODE_ERROR * singular_values > MODE_LEVEL * np.sqrt(scaled.shape[1])))
     count = min(count, len(scaled) // 3, scaled.shape[1] // 2 - LEAST_COMBINATIONS // 2)
     constant = np.full(len(scaled), len(scaled) ** -0.5)
-    return np.column_stack([constant, left[:, :count]]), np.column_stack([mean, right[:count].T])
+    return np.column_stack([constant, left_vectors[:, :count]]), np.column_stack(
+        [mean, right_vectors[:count].T]
+    )

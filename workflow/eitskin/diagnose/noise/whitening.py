@@ -219,8 +219,8 @@ class Whitening:
         """The same in single precision; itself where that would be too inexact."""
 
         def is_large(factor: LowRankFactor) -> bool:
-            most = MOST_LINKED_IN_SINGLE if factor.acts_on == "linked" else MOST_IN_SINGLE
-            return bool(factor.eigenvalues.max(initial=0.0) > most)
+            limit = MOST_LINKED_IN_SINGLE if factor.acts_on == "linked" else MOST_IN_SINGLE
+            return bool(factor.eigenvalues.max(initial=0.0) > limit)
 
         if min(self.mask.shape) < LEAST_IN_SINGLE or any(map(is_large, self.factors)):
             return self
@@ -244,7 +244,7 @@ class Whitening:
         if self.errors is not None:
             columns = {kind: self.errors.by_kind(kind) for kind in ORDER}
             if not self.errors.filtered:
-                columns = {kind: self.filtered(own, kind) for kind, own in columns.items()}
+                columns = {kind: self.filtered(vectors, kind) for kind, vectors in columns.items()}
         factors: list[LowRankFactor] = []
         if self._free_constants:
             factors.append(ProjectionFactor(offset, "channel"))
