@@ -37,8 +37,9 @@ from eitskin.diagnose.search.gates import (
     Gate,
 )
 from eitskin.diagnose.search.journal import CUT_SHORT, START, UNLIKE_STEP
-from eitskin.diagnose.search.prediction import is_unlike, likeness, misfit, sure_gain
+from eitskin.diagnose.search.prediction import is_gross, is_unlike, likeness, misfit, sure_gain
 from eitskin.diagnose.search.proposals import (
+    TINY,
     best_p_value,
     draw_null,
     global_p,
@@ -64,7 +65,6 @@ from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.search.starting_point import StartingPoint
 from eitskin.errors import InputError
 
-TINY = 1e-300  # a misfit below which there is nothing to explain
 FEW_SITES = 2  # of a sparse effect; with more, single sites are tried in its place
 
 Outcome = tuple[Search, Explanation, Explanation]
@@ -134,7 +134,7 @@ def grown(search: Search, calibration: Explanation, begin: Explanation | None = 
 def _tries_last_resorts(search: Search, explanation: Explanation) -> bool:
     """Whether another instrument is tried: where the readings are not those of a skin like this."""
     values = (
-        (GROSS_MISFIT, misfit(search.problem, explanation)),
+        (GROSS_MISFIT, misfit(search, explanation)),
         (UNLIKE, likeness(search, explanation)),
     )
     judge = search.journal.judge
@@ -270,9 +270,9 @@ def _with_gross_fault(
     Such a fault leads the calibrations astray, and what is linear about them: each is tried with
     the beliefs as they are, one common factor free.
     """
-    problem = search.problem
-    if misfit(problem, explanation) < GROSS_MISFIT.threshold:
+    if not is_gross(search, explanation):
         return None
+    problem = search.problem
     recorded = problem.whitening(problem.readings)
     start = np.zeros(len(problem.model.calibrations))
     settings = explanation.fit.settings()

@@ -1,18 +1,23 @@
 """How well explanations agree with a recording: misfit, correlation, predictions of folds."""
 
-from eitskin.diagnose.fitting.fit import Problem, rewhitened
+from eitskin.diagnose.fitting.fit import rewhitened
 from eitskin.diagnose.fitting.held_out import HeldOut, held_out
 from eitskin.diagnose.search.explanation import Explanation
 from eitskin.diagnose.search.gates import GROSS_MISFIT, STANDARD_ERRORS, UNLIKE
 from eitskin.diagnose.search.search import Search
 
 
-def misfit(problem: Problem, explanation: Explanation) -> float:
-    """Chi squared over its degrees of freedom in a problem's covariance, that of noise alone."""
-    whitening = problem.whitening
+def misfit(search: Search, explanation: Explanation) -> float:
+    """Chi squared over its degrees of freedom in the covariance of noise alone."""
+    whitening = search.problem.whitening
     residual = explanation.fit.problem.whitening.unwhitened(explanation.fit.residual)
     dof = max(whitening.size - len(explanation.fit.theta), 1)
     return float((whitening(residual) ** 2).sum()) / dof
+
+
+def is_gross(search: Search, explanation: Explanation) -> bool:
+    """Whether the misfit is plain to see: calibrations and tangents are led astray."""
+    return GROSS_MISFIT.admits(misfit(search, explanation))
 
 
 def likeness(search: Search, explanation: Explanation) -> float:
@@ -32,8 +37,7 @@ def likeness(search: Search, explanation: Explanation) -> float:
 def is_unlike(search: Search, explanation: Explanation) -> bool:
     """Whether readings are not those of a skin like this: in an order of their own, or none.
     Effects fitted to them would be no findings, were they ever so significant."""
-    is_gross = GROSS_MISFIT.admits(misfit(search.problem, explanation))
-    return is_gross and UNLIKE.admits(likeness(search, explanation))
+    return is_gross(search, explanation) and UNLIKE.admits(likeness(search, explanation))
 
 
 def predicted(search: Search, explanation: Explanation, trial: Explanation) -> HeldOut:

@@ -17,7 +17,6 @@ from eitskin.diagnose.search.gates import (
     ABSORBED,
     BUDGET,
     COMPETING,
-    GROSS_MISFIT,
     HOPE,
     RACE,
     REACH,
@@ -26,7 +25,7 @@ from eitskin.diagnose.search.gates import (
     SURPRISE,
 )
 from eitskin.diagnose.search.journal import Refusal
-from eitskin.diagnose.search.prediction import cost_for, is_unlike, misfit
+from eitskin.diagnose.search.prediction import cost_for, is_gross, is_unlike
 from eitskin.diagnose.search.refits import in_processes, linearised, rough, with_effect
 from eitskin.diagnose.search.screen import (
     Score,
@@ -54,11 +53,7 @@ def scores(search: Search, explanation: Explanation) -> list[Score]:
 def _scores(search: Search, explanation: Explanation, tangents: Tangents) -> list[Score]:
     keys = {c.key for c in explanation.effects}
     # So far off with effects in it, a set wants more than any few channels.
-    hopeless = (
-        bool(explanation.effects)
-        and not search.untouched
-        and GROSS_MISFIT.admits(misfit(search.problem, explanation))
-    )
+    hopeless = bool(explanation.effects) and not search.untouched and is_gross(search, explanation)
     open_candidates = [
         c for c in search.candidates if c.key not in keys and not search.starts_far(c)
     ]

@@ -33,12 +33,11 @@ from eitskin.diagnose.search.gates import (
     BUDGET,
     ENTRY,
     FORLORN,
-    GROSS_MISFIT,
     PHYSICS,
     SITES,
 )
 from eitskin.diagnose.search.journal import Refusal
-from eitskin.diagnose.search.prediction import misfit
+from eitskin.diagnose.search.prediction import is_gross
 from eitskin.diagnose.search.search import Search
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
@@ -79,11 +78,7 @@ def explain(
     trial = gauss_newton_step(named)
     behind = explanation.log_likelihood - marginal_likelihood(trial, named_sds, explanation.rig)
     behind -= 0.5 * expected_decrease(trial)
-    if (
-        trial is not named
-        and not FORLORN.admits(behind)
-        and not GROSS_MISFIT.admits(misfit(search.problem, explanation))
-    ):
+    if trial is not named and not FORLORN.admits(behind) and not is_gross(search, explanation):
         return explanation
     plain = _learned_explanation(search, trial, p_values, named_sds, explanation.rig)
     return explanation if plain.log_evidence <= explanation.log_evidence else plain
@@ -361,9 +356,7 @@ def _fitted(
         with search.problem.model.solved_skins.within(search.budget):
             problem = explanation.fit.problem
             fitted = fit(problem, effects, start, jacobian, limits=FitLimits(enough))
-            far_off = jacobian is not None and GROSS_MISFIT.admits(
-                misfit(search.problem, explanation)
-            )
+            far_off = jacobian is not None and is_gross(search, explanation)
             # Calibrations that took what an effect is may lie far off along a narrow valley.
             if is_discrete(effects[-1]) or far_off or not fitted.converged:
                 count = len(search.problem.model.calibrations)
