@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eitskin.quantities import MINUS
+from eitskin.quantities import MINUS, number
 
 # Standard errors by which a gain of predictive density must exceed chance: p = 0.023, one-sided.
 STANDARD_ERRORS = 2.0
@@ -43,6 +43,10 @@ class Gate:
     def threshold_text(self) -> str:
         """The threshold with three digits at most."""
         return f"{self.threshold:.3g}".replace("-", MINUS)
+
+    def refusal_text(self, value: float, place: str) -> str:
+        """The refusal of a value; place: the other name, where the refusal has one."""
+        return self.refusal.format(value=number(value), threshold=self.threshold_text, place=place)
 
     def admits(self, value: float) -> bool:
         """Whether a value of the statistic passes; NaN does not."""

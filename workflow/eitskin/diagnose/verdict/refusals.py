@@ -9,9 +9,10 @@ import pandas as pd
 
 from eitskin.diagnose.search import gates
 from eitskin.diagnose.search.gates import SITES, Gate
+from eitskin.diagnose.verdict.words import is_certain
 from eitskin.effects import catalogue_names
 from eitskin.errors import InputError
-from eitskin.quantities import listed, number
+from eitskin.quantities import listed
 
 FILE = "decisions.csv"  # of the evidence beside diagnosis.json
 NOUNS = {"electrodes": "electrode", "drives": "drive", "measures": "pair", "channels": "channel"}
@@ -40,10 +41,7 @@ class Stop:
     @property
     def sentence(self) -> str:
         """What stopped the name, in words."""
-        threshold = self.gate.threshold_text
-        text = self.gate.refusal.format(
-            value=number(self.value), threshold=threshold, place=self.place
-        )
+        text = self.gate.refusal_text(self.value, self.place)
         sites = f" at {_sites_text(self.kind, self.sites)}" if self.sites else ""
         beside = f"beside {listed(list(self.beside))}, " if self.beside else ""
         detail = f"; {self.detail}" if self.detail else ""
@@ -122,19 +120,12 @@ def sentences(decisions: pd.DataFrame, diagnosis: dict, name: str | None = None)
 
 def _named_sentence(entry: dict, decisions: pd.DataFrame) -> str:
     """Whether a name that is among the effects is certain and, where it is not, why."""
-    if entry.get("certain", True):
+    if is_certain(entry):
         return f"{entry['name']} is named, and certain."
     certainty = [gate.name for gate in gates.every() if gate.purpose == "certainty"]
     rows = decisions[(decisions["name"] == entry["name"]) & ~decisions["admitted"]]
     rows = rows[rows["gate"].isin(certainty)]
-    reasons = [
-        BY_NAME[row.gate].refusal.format(
-            value=number(row.value),
-            threshold=BY_NAME[row.gate].threshold_text,
-            place=row.place,
-        )
-        for row in rows.itertuples()
-    ]
+    reasons = [BY_NAME[row.gate].refusal_text(row.value, row.place) for row in rows.itertuples()]
     return f"{entry['name']} is named as a candidate: {'; '.join(reasons)}."
 
 
