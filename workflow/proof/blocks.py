@@ -1,5 +1,6 @@
 """Which recordings an open block is made of: kinds and seeds, in blocks that share none; ordinary
-ones and those of p-values record skins of the plain ones anew. Names of a sealed block's cases."""
+ones, those by rigs with errors in other forms and those of p-values record skins of the plain ones
+anew. Names of a sealed block's cases."""
 
 from eitskin.errors import InputError
 from witness.outside import OUTSIDE
@@ -13,6 +14,9 @@ FIRST_SEED = {
     "report": 700_001,
     "ordinary-development": 1,
     "ordinary-report": 700_001,
+    "alien-development": 1,
+    "alien-report": 700_001,
+    "alien-sealed": 900_001,
     "p-values-development": 1,
     "p-values-report": 600_001,
     "queries-development": 1,
@@ -27,6 +31,10 @@ SIZES = {
 ORDINARY_SIZES = {
     "quick": {"null": 100, "single": 1, "pair": 12, "triple": 0, "outside": 18},
     "full": {"null": 300, "single": 4, "pair": 40, "triple": 0, "outside": 54},
+}
+ALIEN_SIZES = {
+    "quick": {"null": 20, "single": 1, "pair": 4, "triple": 0, "outside": 6},
+    "full": {"null": 300, "single": 4, "pair": 40, "triple": 0, "outside": 60},
 }
 P_VALUE_SIZES = {"quick": {"skin": 8}, "full": {"skin": 40}}  # each recorded many times
 QUERY_SIZES = {  # kinds of `queries.draw`
@@ -72,7 +80,9 @@ def trials(block: str, size: str) -> list[Trial]:
     """(kind, seed) of every trial, as `trial.row` takes them.
 
     block: "development" (seeds from 1), to tune on, or "report" (seeds far from those), to report;
-    with ordinary- before it, the same skins recorded by rigs with errors of their own; with
+    with ordinary- before it, the same skins recorded by rigs with errors of their own; with alien-,
+    by rigs with errors in forms that nobody modelled, those of the block alien-sealed with sealed
+    ones, on which nobody tunes; with
     p-values- before it, skins, of kind "skin", for `nulls.trial`; with queries-, recordings of any
     sort, of kinds that `queries.draw` knows; with owners-, of kinds that `owned.draw` does. size: a
     key of SIZES: numbers of recordings, of "single" for each name that the witness can draw; those
@@ -91,6 +101,9 @@ def trials(block: str, size: str) -> list[Trial]:
         return _mixed(_each({f"owner:{kind}": n for kind, n in OWNER_SIZES[size].items()}, start))
     if block.startswith("ordinary-"):
         return [(f"{kind}+rig", seed) for kind, seed in _drawn(ORDINARY_SIZES[size], start)]
+    if block.startswith("alien-"):
+        word = "sealed" if block == "alien-sealed" else "alien"
+        return [(f"{kind}+{word}", seed) for kind, seed in _drawn(ALIEN_SIZES[size], start)]
     return _drawn(SIZES[size], start)
 
 

@@ -3,10 +3,15 @@
 draw("single:offset+rig", 3), draw("query:belief", 3), draw("real:iirc-tank:offset", 3)
 """
 
+import zlib
 from typing import Any
 
 from proof import planted, queries
 from witness import cases, owned
+from witness.generators import GENERATORS
+
+DEFAULT_GENERATOR = "boundary"
+OTHER_GENERATOR = 3  # every third recording, of those by rigs with errors in other forms
 
 
 def draw(kind: str, seed: int, **options: Any) -> Any:
@@ -14,7 +19,7 @@ def draw(kind: str, seed: int, **options: Any) -> Any:
 
     query:…: a QueryCase, as `queries.draw`; owner:…: one of `witness.owned.draw`; real:…: a
     Planted, as `planted.draw`; skin: a Case without effects; everything else: a Case, as
-    `witness.cases.draw`, which takes the options.
+    `witness.cases.draw`, which takes the options; without one its solver is that of `generator`.
     """
     word = kind.partition(":")[0]
     if word == "query":
@@ -23,4 +28,18 @@ def draw(kind: str, seed: int, **options: Any) -> Any:
         return queries.of_owner(owned.draw(kind, seed))
     if word == "real":
         return planted.draw(kind, seed)
-    return cases.draw("null" if word == "skin" else kind, seed, **options)
+    case_kind = "null" if word == "skin" else kind
+    return cases.draw(case_kind, seed, **{"generator": generator(case_kind, seed), **options})
+
+
+def generator(kind: str, seed: int) -> str:
+    """The solver of a case, of `witness.generators.GENERATORS`: the default one; with +alien or
+    +sealed, of every third case one of the others that can solve its kind, in turn."""
+    plain, _, rig = kind.partition("+")
+    if rig.partition(":")[0] not in ("alien", "sealed"):
+        return DEFAULT_GENERATOR
+    turn, rest = divmod(zlib.crc32(plain.encode()) + seed, OTHER_GENERATOR)
+    others = [
+        name for name in GENERATORS if name != DEFAULT_GENERATOR and GENERATORS[name].can(plain)
+    ]
+    return DEFAULT_GENERATOR if rest or not others else others[turn % len(others)]

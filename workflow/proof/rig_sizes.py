@@ -53,6 +53,8 @@ def compared(
     component_of = {component["name"]: component for component in components}
     rows = []
     for error in case.rig:
+        if error.kind not in USUAL:  # in a form that has no size to be learned
+            continue
         if error.kind in COMPONENTS:
             true, drawn_size = _true(case, error, seen_mask), error.size * _unit(case, error)
             component = component_of.get(error.kind, {"sd": 0.0, "low": 0.0, "high": 0.0})

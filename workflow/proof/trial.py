@@ -49,6 +49,7 @@ def trial(kind: str, seed: int) -> dict:
     return {
         **seconds,
         "level": case.level,
+        "generator": case.world.generator.name,
         "truth": case.effects,
         "scopes": case.scopes,
         "snr": case.snr,

@@ -1,7 +1,8 @@
 """Recordings with known truth.
 
     draw("single:contact-impedance", 7), draw("null", 1), draw("pair", 3), draw("outside:palm", 2),
-    draw("null", 1, generator="elements"), draw("pair+rig", 3), draw("null+rig:spikes", 1)
+    draw("null", 1, generator="elements"), draw("pair+rig", 3), draw("null+rig:spikes", 1),
+    draw("pair+alien", 3), draw("null+alien:gain-steps", 1), draw("null+sealed", 1)
 
 Sixteen electrodes, adjacent drives and pairs; `draw` lists the random quantities. Equal kinds and
 seeds give the same case bit for bit.
@@ -9,7 +10,7 @@ seeds give the same case bit for bit.
 
 import json
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -22,7 +23,8 @@ from eitskin.data import recording
 from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
-from witness import outside, rig_errors, strengths
+from witness import alien_errors, outside, rig_errors, strengths
+from witness.alien_errors import AlienError
 from witness.generators import GENERATORS, LAWS, Generator
 from witness.rig_errors import USUAL, RigError
 from witness.schedule import Keep, query_frames, recording_frames
@@ -30,6 +32,13 @@ from witness.world import World
 
 N_ELECTRODES = 16
 LEAST_LEVEL, MOST_LEVEL = 3e-4, 2e-2  # noise over the median |v|: from a good rig to a poor one
+ALIEN_LEVELS = (1e-4, 1e-2)  # likewise, of nulls by rigs with errors in other forms
+# Kinds of errors that may be named, by the word after + in the kind of a case.
+RIG_KINDS: dict[str, Collection[str]] = {
+    "rig": USUAL,
+    "alien": alien_errors.OPEN,
+    "sealed": alien_errors.SEALED,
+}
 # Detectable, but not trivially; more in sets and outside the catalogue, where signatures overlap.
 SINGLE_SNR, SET_SNR, OUTSIDE_SNR = (10.0, 60.0), (15.0, 80.0), (20.0, 100.0)
 CLEAR_MM = 8.0  # radius of the untouched disc of laws that act in one
@@ -83,7 +92,8 @@ class Case:
     `snr_given_others`: in its set); outside: {law, parameters, snr} or None; states, query: frames
     in the recording format; clean, voltage (N, M), query_clean (Q, M) V; noise_V (M,): sd; level:
     over the median |v|; world: the solver of `clean` with its cache; rig: errors, by which `states`
-    differ from the `true_states` of `clean`, and `voltage` from `clean`.
+    differ from the `true_states` of `clean`, and `voltage` from `clean`: of `rig_errors`, or all of
+    `alien_errors`.
     """
 
     kind: str
@@ -320,7 +330,8 @@ def draw(
 ) -> Case:
     """One case. kind: null, single:<name>, pair, triple or outside:<law>; or any word, where the
     `names` of its effects are given; with +rig, the same case recorded by a rig with errors, or
-    with +rig:<kind>,<kind> with these. generator: the solver of the stored readings, of
+    with +rig:<kind>,<kind> with these; +alien and +sealed: likewise with errors of `alien_errors`,
+    a null's noise then being 0.01 % to 1 %. generator: the solver of the stored readings, of
     `generators.GENERATORS`; strengths are determined with the boundary where it can solve the law.
 
     Skin: radius 50 to 90 mm, thickness 2 to 4 mm (10 to 25 as a body), contacts 4 to 9 mm wide
@@ -334,14 +345,18 @@ def draw(
     full_kind, (kind, _, rig) = kind, kind.partition("+")
     rng = np.random.default_rng([zlib.crc32(kind.encode()), seed])
     names, law = names_of(kind, rng, generator) if names is None else (names, None)
+    word = rig.partition(":")[0]
     levels = (LEAST_LEVEL, MOST_LEVEL) if blinding is None else blinding.levels
+    if word in ("alien", "sealed") and blinding is None and not names and law is None:
+        levels = ALIEN_LEVELS
     bench = _bench(rng, names, law, frames, blinding)
     searched = generator if law in outside.OUTSIDE_SOLID else "boundary"
     shown = _Shown(bench.world(searched), bench.states)
     floor = max(levels[0], GENERATORS[generator].least_level)
     concealed = _concealed(rng, bench, shown, _Goal(names, law, share), levels, floor)
     clean = _noiseless(bench, shown, concealed, generator)
-    errors = _rig_errors(rig, np.random.default_rng([zlib.crc32(f"{kind}+rig".encode()), seed]))
+    stream = f"{kind}+{word or 'rig'}".encode()
+    errors = _rig_errors(rig, np.random.default_rng([zlib.crc32(stream), seed]))
     return _recorded(replace(clean, kind=full_kind, seed=seed), errors, rng)
 
 
@@ -562,15 +577,20 @@ def again(case: Case, rig: str, number: int) -> Case:
 def _recorded(case: Case, errors: tuple[RigError, ...], rng: np.random.Generator) -> Case:
     """A case with its noise-free readings recorded by a rig with errors and random noise."""
     metadata, clean, query_clean = case.metadata, case.clean, case.query_clean
+    forms = [error for error in errors if isinstance(error, AlienError)]
     if rig_errors.magnitudes(errors):
         metadata = {**metadata, "voltage": "magnitude"}
         clean, query_clean = np.abs(clean), np.abs(query_clean)
     return replace(
         case,
         metadata=metadata,
-        states=rig_errors.reported(case.true_states, errors),
+        states=alien_errors.reported(case.true_states, forms)
+        if forms
+        else rig_errors.reported(case.true_states, errors),
         clean=clean,
-        voltage=rig_errors.read(clean, errors, case.true_states, case.noise_V, rng),
+        voltage=alien_errors.read(clean, forms, case.true_states, case.noise_V, rng)
+        if forms
+        else rig_errors.read(clean, errors, case.true_states, case.noise_V, rng),
         query_clean=query_clean,
         rig=errors,
     )
@@ -582,10 +602,14 @@ def _rig_errors(rig: str, rng: np.random.Generator) -> tuple[RigError, ...]:
         return ()
     word, _, kind_list = rig.partition(":")
     kinds = kind_list.split(",") if kind_list else None
-    if word != "rig" or (kinds and not set(kinds) <= set(USUAL)):
-        expected = f"rig, or rig: and some of {', '.join(USUAL)}"
-        raise InputError("case", "kind", repr(f"+{rig}"), expected)
-    return tuple(rig_errors.draw(rng, kinds))
+    known_kinds = RIG_KINDS.get(word, ())
+    if word not in RIG_KINDS or (kinds and not set(kinds) <= set(known_kinds)):
+        words = "rig, alien, sealed, or one of them with : and some of its kinds"
+        expected = f"{word}, or {word}: and some of {', '.join(known_kinds)}"
+        raise InputError("case", "kind", repr(f"+{rig}"), expected if known_kinds else words)
+    if word == "rig":
+        return tuple(rig_errors.draw(rng, kinds))
+    return tuple(alien_errors.draw(rng, kinds, sealed=word == "sealed"))
 
 
 def _strengths(

@@ -74,9 +74,17 @@ def draw(rng: np.random.Generator, kinds: Sequence[str] | None = None) -> list[R
 
 
 def _size(rng: np.random.Generator, kind: str) -> float:
-    usual = USUAL[kind].size
-    band = CORRELATIONS if kind == "correlated-noise" else (MIN_SIZE * usual, MAX_SIZE * usual)
-    return float(f"{np.exp(rng.uniform(*np.log(band))):.3g}")
+    if kind == "correlated-noise":
+        return drawn_size(rng, 1.0, CORRELATIONS)
+    return drawn_size(rng, USUAL[kind].size)
+
+
+def drawn_size(
+    rng: np.random.Generator, usual: float, band: tuple[float, float] = (MIN_SIZE, MAX_SIZE)
+) -> float:
+    """A log-uniform size in a band, times the usual one, with three significant digits."""
+    low, high = np.log(np.array(band) * usual)
+    return float(f"{np.exp(rng.uniform(low, high)):.3g}")
 
 
 def reported(states: pd.DataFrame, errors: Sequence[RigError]) -> pd.DataFrame:
@@ -85,7 +93,7 @@ def reported(states: pd.DataFrame, errors: Sequence[RigError]) -> pd.DataFrame:
     reported_states = states.copy()
     touched = states["touch"].to_numpy(bool)
     press = pd.factorize(states["contact"].to_numpy())[0]
-    share = _share(states)
+    share = elapsed_share(states)
     for error in errors:
         rng, size = error.rng(), error.size
         if error.kind in ("place-per-frame", "place-per-press"):
@@ -102,7 +110,7 @@ def reported(states: pd.DataFrame, errors: Sequence[RigError]) -> pd.DataFrame:
             factor = 1.0 + size * rng.standard_normal(press.max() + 1)
             reported_states["force_N"] *= np.where(touched, factor[press], 1.0)
         elif error.kind == "force-zero-walk":
-            reported_states["force_N"] += np.where(touched, size * _walk(rng, share)[:, 0], 0.0)
+            reported_states["force_N"] += np.where(touched, size * walk(rng, share)[:, 0], 0.0)
     reported_states["force_N"] = reported_states["force_N"].clip(lower=0.0)
     return reported_states
 
@@ -121,17 +129,17 @@ def read(
     """
     error_by_kind = {error.kind: error for error in errors}
     median = float(np.median(np.abs(clean[0])))
-    share = _share(states)
+    share = elapsed_share(states)
     voltage = clean.copy()
     if (error := error_by_kind.get("amplitude-per-frame")) is not None:
         voltage *= 1.0 + error.size * error.rng().standard_normal((len(clean), 1))
     if (error := error_by_kind.get("gain-walk")) is not None:
-        voltage *= 1.0 + error.size * _walk(error.rng(), share)
+        voltage *= 1.0 + error.size * walk(error.rng(), share)
     voltage += noise_V * _noise(error_by_kind, rng.standard_normal(clean.shape))
     if (error := error_by_kind.get("common-noise")) is not None:
         voltage += error.size * median * error.rng().standard_normal((len(clean), 1))
     if (error := error_by_kind.get("channel-drift")) is not None:
-        voltage += error.size * median * _walk(error.rng(), share, clean.shape[1])
+        voltage += error.size * median * walk(error.rng(), share, clean.shape[1])
     if (error := error_by_kind.get("loud-frames")) is not None:
         rng = error.rng()
         loud = rng.choice(len(clean), max(1, round(error.size * len(clean))), replace=False)
@@ -172,13 +180,13 @@ def _noise(error_by_kind: dict[str, RigError], white: np.ndarray) -> np.ndarray:
     return white
 
 
-def _share(states: pd.DataFrame) -> np.ndarray:
+def elapsed_share(states: pd.DataFrame) -> np.ndarray:
     """(N,): the elapsed share of the recording's time."""
     time = states["time_s"].to_numpy(float)
     return (time - time[0]) / max(float(np.ptp(time)), 1e-9)
 
 
-def _walk(rng: np.random.Generator, share: np.ndarray, count: int = 1) -> np.ndarray:
+def walk(rng: np.random.Generator, share: np.ndarray, count: int = 1) -> np.ndarray:
     """(N, count): random walks from 0, of sd 1 at the end."""
     step = np.sqrt(np.diff(share, prepend=0.0))[:, None]
     return np.cumsum(step * rng.standard_normal((len(share), count)), axis=0)

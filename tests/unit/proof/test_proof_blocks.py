@@ -5,8 +5,9 @@ from collections import Counter
 import pytest
 
 from eitskin.errors import InputError
-from proof import trial
+from proof import drawing, trial
 from proof.blocks import (
+    ALIEN_SIZES,
     FIRST_SEED,
     OWNER_SIZES,
     P_VALUE_SIZES,
@@ -21,6 +22,7 @@ from proof.blocks import (
 )
 from witness import owned
 from witness.cases import names_of
+from witness.generators import GENERATORS
 from witness.outside import OUTSIDE
 from witness.strengths import DRAWN
 
@@ -72,6 +74,41 @@ def test_ordinary_rigs_record_the_same_skins(size):
 
 
 @pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize(
+    ("block", "word"),
+    [("alien-development", "alien"), ("alien-report", "alien"), ("alien-sealed", "sealed")],
+)
+def test_rigs_with_errors_in_other_forms(block, word, size):
+    plan = trials(block, size)
+    assert len(set(plan)) == len(plan) and {kind.partition("+")[2] for kind, _ in plan} == {word}
+    words = Counter(kind.partition("+")[0].partition(":")[0] for kind, _ in plan)
+    number = {**ALIEN_SIZES[size], "single": ALIEN_SIZES[size]["single"] * len(DRAWN)}
+    assert words == {kind: n for kind, n in number.items() if n}
+    seeds = [
+        {s for _, s in trials(f"alien-{one}", size)} for one in ("development", "report", "sealed")
+    ]
+    assert not (seeds[0] & seeds[1] or seeds[0] & seeds[2] or seeds[1] & seeds[2])
+
+
+def test_every_third_recording_in_other_forms_has_another_solver(monkeypatch):
+    plan = trials("alien-report", "full")
+    made = {(kind, seed): drawing.generator(kind, seed) for kind, seed in plan}
+    for word in ("null", "pair", "single", "outside"):
+        chosen = [name for (kind, _), name in made.items() if kind.startswith(word)]
+        assert {*GENERATORS} == {*chosen}
+        assert 0.5 < chosen.count("boundary") / len(chosen) < 0.8
+    for (kind, _), name in made.items():
+        assert GENERATORS[name].can(kind.partition("+")[0])
+    assert {drawing.generator(*trial) for trial in trials("ordinary-report", "full")} == {
+        "boundary"
+    }
+    monkeypatch.setattr(drawing.cases, "draw", lambda kind, seed, **options: options)
+    kind, seed = next(trial for trial, name in made.items() if name == "disc")
+    assert drawing.draw(kind, seed) == {"generator": "disc"}
+    assert drawing.draw(kind, seed, generator="slab") == {"generator": "slab"}
+
+
+@pytest.mark.parametrize("size", SIZES)
 def test_blocks_of_p_values_are_skins(size):
     tuned, told = trials("p-values-development", size), trials("p-values-report", size)
     assert len(set(told)) == P_VALUE_SIZES[size]["skin"] and {kind for kind, _ in told} == {"skin"}
@@ -109,6 +146,7 @@ def test_a_smaller_size_is_part_of_the_larger(block):
 def test_a_sort_of_block_has_tables_of_its_own():
     assert [sort_of(f"{word}report") for word in ("", "ordinary-")] == ["diagnoses"] * 2
     assert tables("report") == tables("ordinary-report") and "confusion" in tables("report")
+    assert tables("alien-sealed") == tables("report")
     assert tables("p-values-report") == ("summary", "p_values")
     assert tables("queries-report") == ("summary", "queries")
     assert tables("owners-report") == ("summary", "owners")
@@ -118,6 +156,7 @@ def test_a_sort_of_block_has_tables_of_its_own():
     ("block", "how"),
     [
         ("ordinary-report", "trial"),
+        ("alien-sealed", "trial"),
         ("p-values-report", "skin"),
         ("queries-report", "query_trial"),
         ("owners-report", "owner_trial"),
