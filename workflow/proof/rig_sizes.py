@@ -179,7 +179,7 @@ def _of_noise(
     """(drawn, true, found, log_sd) of a property of the noise itself."""
     frames, channels = case.clean.shape
     if error.kind == "correlated-noise":
-        rho, estimate = error.size, noise.correlation
+        rho, estimate = error.size, noise.spectrum.lag_one
         lasts = -1.0 / np.log(rho)
         log_sd = lasts / rho * noise.correlation_sd(rho)
         return lasts, lasts, -1.0 / np.log(estimate) if estimate else 0.0, log_sd

@@ -77,12 +77,13 @@ def component_intervals(
     """The errors that a rig has, as in diagnosis.json: name, unit, sd, its 90 % interval (low,
     high), and whether it was learned; discrepancies are none of them.
 
-    unit: of the readings. noise: whose correlation in time is the first of the errors. Intervals
+    unit: of the readings. noise: whose correlation from frame to frame is the first of the errors. Intervals
     are of the logarithm of the variance, by the expected information.
     """
     intervals = []
-    if noise is not None and noise.correlation:
-        rho, half = noise.correlation, NORMAL_90 * noise.correlation_sd(noise.correlation)
+    if noise is not None and noise.spectrum:
+        rho = noise.spectrum.lag_one
+        half = NORMAL_90 * noise.correlation_sd(rho)
         low, high = max(rho - half, -1.0), min(rho + half, 1.0)
         intervals.append(_interval("correlated-noise", "1", (rho, low, high)))
     names = [name for name in rig_errors.columns if error_sds.get(name, 0.0) > 0.0]

@@ -4,6 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from eitskin.diagnose.noise.spectrum import Spectrum
+
 NORMAL_90 = 1.6449  # sd of a normal distribution, within which 90 % of it are
 
 
@@ -24,11 +26,11 @@ class VarianceLaw:
 class NoiseModel:
     """Noise of M channels, in the recording's unit.
 
-    sd (M,): of each channel, stationary where it is correlated. dof: degrees of freedom of the
+    sd (M,): of each channel, of the whole spectrum. dof: degrees of freedom of the
     overall scale (squared). source: where the sd comes from, for a reader. rounding_sd: of the
     error that rounding makes alike in frames that are alike, the same in all channels;
-    converter_step: width of the steps that do so, else 0. correlation: of each channel's noise from
-    one frame to the next, by their numbers. drift: sd at the recording's end, in units of `sd`, of
+    converter_step: width of the steps that do so, else 0. spectrum: of each channel's noise over
+    the frames' numbers. drift: sd at the recording's end, in units of `sd`, of
     an independent random walk of each channel in time. rejected_mask (N, M): readings rejected as
     spikes, spike_count of them, or in loud_frames (rows); None: none. law: by which the sd was
     estimated.
@@ -39,7 +41,7 @@ class NoiseModel:
     source: str
     rounding_sd: float = 0.0
     converter_step: float = 0.0
-    correlation: float = 0.0
+    spectrum: Spectrum = Spectrum()
     drift: float = 0.0
     rejected_mask: np.ndarray | None = None
     loud_frames: tuple[int, ...] = ()
@@ -52,6 +54,12 @@ class NoiseModel:
         if self.law is None:
             return self
         return replace(self, sd=np.where(reserved, self.law(level), self.sd))
+
+    @property
+    def white_sd(self) -> np.ndarray:
+        """(M,): sd of the white part of each channel's noise; of all of it, where it has none."""
+        share = self.spectrum.white_share
+        return self.sd * np.sqrt(share) if share > 0.0 else self.sd
 
     def correlation_sd(self, correlation: float) -> float:
         """Standard error of a correlation estimated from `dof` values (Bartlett 1946)."""

@@ -96,7 +96,7 @@ def refine_noise(recording: Recording, noise: NoiseModel, simulated: np.ndarray)
         sd=sd,
         dof=refined.dof,
         source=f"{noise.source}; by the residuals of a first fit {', '.join(words)}",
-        correlation=refined.temporal.correlation,
+        spectrum=refined.temporal.spectrum,
         drift=refined.temporal.drift,
         rejected_mask=rejected if has_outliers else None,
         loud_frames=tuple(rows[loud].tolist()),
@@ -106,7 +106,7 @@ def refine_noise(recording: Recording, noise: NoiseModel, simulated: np.ndarray)
 
 @dataclass(frozen=True)
 class _ResidualNoise:
-    """The noise that residuals show: correlation and drift; level: overall variance over that of
+    """The noise that residuals show: spectrum and drift; level: overall variance over that of
     the law; sd (M,) of the channels; uneven: whether they differ from the law; dof of the level."""
 
     temporal: TemporalCorrelation
@@ -153,8 +153,8 @@ class _ResidualNoise:
 
     def temporal_words(self) -> list[str]:
         """Correlation and drift in words, for a reader; none of what is 0."""
-        correlation, drift = self.temporal
-        words = [f"correlated from frame to frame, {correlation:.2g}"] * bool(correlation)
+        spectrum, drift = self.temporal
+        words = [f"correlated from frame to frame, {spectrum.lag_one:.2g}"] * bool(spectrum)
         return words + [f"drifting by {drift:.2g} of its size to the end"] * bool(drift)
 
 

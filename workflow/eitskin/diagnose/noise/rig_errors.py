@@ -15,6 +15,7 @@ import numpy as np
 from eitskin.diagnose.noise.components import COMPONENTS, TouchComponent
 from eitskin.diagnose.noise.linearisation import Linearisation
 from eitskin.diagnose.noise.low_rank import press_indicator
+from eitskin.diagnose.noise.spectrum import Spectrum
 from eitskin.diagnose.noise.whitening import ErrorColumns, Whitening
 
 
@@ -141,10 +142,8 @@ class RigErrors:
             return self.noise_whitening
         shape = self.noise_whitening.mask.shape
         columns = {acts_on: _stacked(terms, shape) for acts_on, terms in weighted.items()}
-        return replace(
-            self.noise_whitening,
-            errors=ErrorColumns(**columns, press_label=self.press, filtered=True),
-        )
+        errors = ErrorColumns(**columns, press_label=self.press, filtered=True)
+        return self.noise_whitening.with_errors(errors)
 
     @property
     def learned(self) -> list[str]:
@@ -204,7 +203,7 @@ class RigErrors:
             self.noise_whitening,
             sd=np.sqrt(variance),
             offset_ratio=np.zeros_like(self.noise_whitening.offset_ratio),
-            correlation=0.0,
+            spectrum=Spectrum(),
             errors=ErrorColumns(empty, np.concatenate([empty, *common_mode]), empty),
         )
 

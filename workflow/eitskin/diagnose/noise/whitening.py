@@ -1,6 +1,6 @@
 """Residuals in units of their noise: white noise, numerical error, shared baselines, rig errors.
 
-The covariance is built from within: noise of each channel, correlated in time (`autoregression`);
+The covariance is built from within: noise of each channel, of some spectrum (`lasting_filter`);
 then, of low rank in what is already whitened (`low_rank`), the errors of frames, of presses, of
 channels and of the whole recording. Frames come before channels: displaced touches weigh most, and
 nothing of them must be left. Errors of different kinds are taken out one after the other, which is
@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from eitskin import cores
-from eitskin.diagnose.noise.autoregression import Autoregression, pulse_norm
+from eitskin.diagnose.noise.lasting_filter import LastingFilter, pulse_norm
 from eitskin.diagnose.noise.low_rank import (
     BATCH_COLUMNS,
     LinkedFactor,
@@ -22,6 +22,7 @@ from eitskin.diagnose.noise.low_rank import (
     ProjectionFactor,
     in_batches,
 )
+from eitskin.diagnose.noise.spectrum import Spectrum
 
 # Error of a simulation that is the same in every frame, of the median |v|: what two exact solvers
 # of one model differ by.
@@ -64,16 +65,15 @@ class Whitening:
 
     mask (N, M): True where there is a reading. sd (M,): of each channel's noise. offset_ratio (M,):
     variance of an error of each channel that is the same in all frames, over that of its noise;
-    infinite where values are differences from one baseline, whose constant is free. correlation: of
-    AR(1) noise from one frame to the next by their frame_number (N,), ascending, or else in a row.
-    errors: of the rig. Those of a frame count as independent from frame to frame in what is
+    infinite where values are differences from one baseline, whose constant is free. spectrum: of the
+    noise, over frames of ascending frame_number (N,), or else in a row. errors: of the rig. Those of a frame count as independent from frame to frame in what is
     whitened in time already; those of a channel as they are in what frames and presses have left.
     """
 
     mask: np.ndarray
     sd: np.ndarray
     offset_ratio: np.ndarray
-    correlation: float = 0.0
+    spectrum: Spectrum = Spectrum()
     errors: ErrorColumns | None = field(default=None, repr=False)
     frame_number: np.ndarray | None = field(default=None, repr=False)
 
@@ -91,6 +91,13 @@ class Whitening:
         """Number of readings, less those that a free constant takes."""
         free = np.isinf(self.offset_ratio) & self.mask.any(axis=0)
         return int(self.mask.sum() - free.sum())
+
+    def with_errors(self, errors: ErrorColumns) -> "Whitening":
+        """The same noise with errors of a rig; the filter of the noise is not computed again."""
+        whitening = replace(self, errors=errors)
+        if self.spectrum:
+            vars(whitening)["_lasting_filter"] = self._lasting_filter
+        return whitening
 
     @property
     def by_channel(self) -> bool:
@@ -118,8 +125,8 @@ class Whitening:
         for factor in reversed(self.factors):
             values = factor.apply(values, factor.inverse_root)
         values = np.where(self.mask, values, 0.0)
-        if self.correlation:
-            values = self._autoregression.whiten_transposed(values)
+        if self.spectrum:
+            values = self._lasting_filter.whiten_transposed(values)
         return np.where(self.mask, values, 0.0) / self.sd
 
     def unwhitened(self, whitened: np.ndarray) -> np.ndarray:
@@ -128,8 +135,8 @@ class Whitening:
         values = whitened
         for factor in reversed(self.factors):
             values = factor.apply(values, factor.root)
-        if self.correlation:
-            values = self._autoregression.unwhiten(values)
+        if self.spectrum:
+            values = self._lasting_filter.unwhiten(values)
         return np.where(self.mask, values, 0.0) * self.sd
 
     def channel_lengths(self, column: np.ndarray, channels: np.ndarray) -> np.ndarray:
@@ -177,7 +184,7 @@ class Whitening:
     def log_determinant(self) -> float:
         """Of the covariance over that of the noise's variances alone; free constants aside."""
         total = sum(factor.log_determinant for factor in self.factors[self._free_constants :])
-        return total + self._autoregression.log_determinant if self.correlation else total
+        return total + self._lasting_filter.log_determinant if self.spectrum else total
 
     @property
     def _free_constants(self) -> int:
@@ -194,17 +201,17 @@ class Whitening:
     @cached_property
     def _pulse_norm(self) -> np.ndarray:
         """(N,): `pulse_norm` of these frames."""
-        return pulse_norm(self._numbers, self.correlation)
+        return pulse_norm(self._numbers, self.spectrum)
 
     @cached_property
-    def _autoregression(self) -> Autoregression:
+    def _lasting_filter(self) -> LastingFilter:
         """The filter of the noise in time."""
-        return Autoregression.from_mask(self.mask, self._numbers, self.correlation)
+        return LastingFilter.from_mask(self.mask, self._numbers, self.spectrum)
 
     def _filtered(self, values: np.ndarray) -> np.ndarray:
         """(..., N, M): values in units of the noise, 0 where lost, filtered in time."""
         scaled = np.where(self.mask, values, 0.0) / self.sd
-        return self._autoregression.whiten(scaled) if self.correlation else scaled
+        return self._lasting_filter.whiten(scaled) if self.spectrum else scaled
 
     def __getstate__(self) -> dict:
         """Without `factors`: to compute them takes less than to copy them."""
@@ -229,8 +236,8 @@ class Whitening:
         for number, factor in enumerate(factors):
             if isinstance(factor, LinkedFactor):
                 factor.carriers = factors[:number]
-        if self.correlation:
-            vars(single)["_autoregression"] = self._autoregression.single_precision
+        if self.spectrum:
+            vars(single)["_lasting_filter"] = self._lasting_filter.single_precision
         return single
 
     @cached_property

@@ -75,7 +75,7 @@ def conclude(diagnosis: Diagnosis) -> Verdict:
     return Verdict(
         summary,
         calibration(explanation.fit),
-        float(np.median(noise.sd)),
+        float(np.median(noise.white_sd)),
         _noise(diagnosis),
         entries,
         other,

@@ -13,6 +13,8 @@ PRIOR = 0.05  # that physics outside the catalogue is present, before looking
 # What a Bayes factor's logarithm counts, and the largest that it may be: a p-value is no smaller
 # than the covariance is true. Of the logistic regression that `proof.other_probability` makes.
 WEIGHT, LARGEST_LOG_FACTOR = 0.82, 5.0
+# What goes with time alone, or is in one press alone, a rig's ordinary errors do as well.
+PASSING = ("time", "order", "session", "press")
 INDEPENDENT_SHARE = 0.5  # of the atlas's rows: the rest repeat what others say
 DRIVERS = {  # of the statistics of the atlas
     "time": "time",
@@ -81,7 +83,8 @@ def remainder(atlas: pd.DataFrame, catalogue_p: float) -> Remainder:
     The p-value of the remainder is that of the least p-value of the atlas among as many as are
     independent, 1 - (1 - p)^n, and of catalogue_p, the smaller of the two times two.
     """
-    rows = atlas[atlas["statistic"] != "everything"]
+    statistics = atlas["statistic"].str.partition(":")[0]
+    rows = atlas[~statistics.isin(("everything", *PASSING))]
     smallest_p = float(rows["p"].min()) if len(rows) else 1.0
     count = max(1.0, INDEPENDENT_SHARE * len(rows))
     p = float(-np.expm1(count * np.log1p(-min(smallest_p, 1.0 - 1e-16))))
