@@ -37,6 +37,9 @@ def linearisation(fit: Fit, converter_step: float) -> Linearisation:
         magnitude=model.magnitude,
         typical_reading=float(max(typical, np.median(whitening.sd))),
         converter_step=converter_step,
+        number=whitening.numbers,
+        noise_sd=whitening.sd,
+        wander=whitening.wander,
     )
 
 

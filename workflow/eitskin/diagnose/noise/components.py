@@ -190,6 +190,24 @@ class ChannelDrift(NoiseComponent):
 
 
 @component
+class ChannelWander(NoiseComponent):
+    """Each channel wanders by itself about its level, for as long as its noise is seen to last."""
+
+    name, unit, prior_sd, acts_on = "channel-wander", READINGS, 2e-3, "channel"
+    least_frames = LEAST_FRAMES
+
+    def is_present(self, linearisation: Linearisation) -> bool:
+        """Whether the noise has a slow part."""
+        return bool(linearisation.wander) and super().is_present(linearisation)
+
+    def basis(self, linearisation: Linearisation) -> np.ndarray:
+        """(K, N, M): waves of the slow part, in proportion to the channels' noise."""
+        waves = linearisation.wander.waves(linearisation.number)
+        relative_sd = linearisation.noise_sd / np.median(linearisation.noise_sd)
+        return waves[:, :, None] * np.broadcast_to(relative_sd, linearisation.voltage.shape)
+
+
+@component
 class Quadrature(NoiseComponent):
     """Magnitudes hold the part in quadrature as well: |v + i q v| is |v| (1 + q^2 / 2), by a q of
     every channel that is the same in all frames. The error is q^2 / 2; q itself is reported."""

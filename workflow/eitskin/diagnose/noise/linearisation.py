@@ -6,6 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
+from eitskin.diagnose.noise.spectrum import Spectrum
+
 
 @dataclass(frozen=True)
 class Linearisation:
@@ -18,7 +20,8 @@ class Linearisation:
     (N,): of every frame's touch. elapsed (N,): share of the recording's time that has gone.
     difference, magnitude: whether readings are differences from a baseline, or magnitudes.
     typical_reading: median |v| of the recording, or its noise where that is larger. converter_step:
-    width of a converter's step that is wider than the noise, else 0.
+    width of a converter's step that is wider than the noise, else 0. number (N,): of the frames.
+    noise_sd (M,): of the channels. wander: of each channel's noise, what is slow.
     """
 
     voltage: np.ndarray
@@ -31,6 +34,9 @@ class Linearisation:
     magnitude: bool
     typical_reading: float
     converter_step: float
+    number: np.ndarray
+    noise_sd: np.ndarray
+    wander: Spectrum
 
     @cached_property
     def untouched_level(self) -> np.ndarray:

@@ -30,7 +30,8 @@ class NoiseModel:
     overall scale (squared). source: where the sd comes from, for a reader. rounding_sd: of the
     error that rounding makes alike in frames that are alike, the same in all channels;
     converter_step: width of the steps that do so, else 0. spectrum: of each channel's noise over
-    the frames' numbers. drift: sd at the recording's end, in units of `sd`, of
+    the frames' numbers; wander: processes that are slower, as they were estimated, none of them in
+    `sd`. drift: sd at the recording's end, in units of `sd`, of
     an independent random walk of each channel in time. rejected_mask (N, M): readings rejected as
     spikes, spike_count of them, or in loud_frames (rows); None: none. law: by which the sd was
     estimated.
@@ -42,6 +43,7 @@ class NoiseModel:
     rounding_sd: float = 0.0
     converter_step: float = 0.0
     spectrum: Spectrum = Spectrum()
+    wander: Spectrum = Spectrum()
     drift: float = 0.0
     rejected_mask: np.ndarray | None = None
     loud_frames: tuple[int, ...] = ()

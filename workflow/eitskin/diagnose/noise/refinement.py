@@ -86,6 +86,8 @@ def refine_noise(recording: Recording, noise: NoiseModel, simulated: np.ndarray)
     rejected = np.zeros(recording.readings.shape, bool)
     rejected[rows[loud]] = True
     rejected[np.ix_(quiet, usable)] = spikes
+    span = float(np.ptp(series.number))
+    wander = refined.temporal.spectrum.wander(span)
     words = [f"{float(np.median(sd / noise.sd)):.3g} times as large"]
     words += refined.temporal_words()
     words += ["uneven over the channels"] * uneven
@@ -93,10 +95,11 @@ def refine_noise(recording: Recording, noise: NoiseModel, simulated: np.ndarray)
         words += [f"{loud.sum()} loud frames and {spikes.sum()} spikes put aside"]
     return replace(
         noise,
-        sd=sd,
+        sd=sd * np.sqrt(1.0 - sum(wander.shares)),
         dof=refined.dof,
         source=f"{noise.source}; by the residuals of a first fit {', '.join(words)}",
-        spectrum=refined.temporal.spectrum,
+        spectrum=refined.temporal.spectrum.followed(span),
+        wander=wander,
         drift=refined.temporal.drift,
         rejected_mask=rejected if has_outliers else None,
         loud_frames=tuple(rows[loud].tolist()),

@@ -66,7 +66,8 @@ class Whitening:
     mask (N, M): True where there is a reading. sd (M,): of each channel's noise. offset_ratio (M,):
     variance of an error of each channel that is the same in all frames, over that of its noise;
     infinite where values are differences from one baseline, whose constant is free. spectrum: of the
-    noise, over frames of ascending frame_number (N,), or else in a row. errors: of the rig. Those of a frame count as independent from frame to frame in what is
+    noise, over frames of ascending frame_number (N,), or else in a row; wander: of what is slower and
+    no part of this covariance, unless `errors` have it. errors: of the rig. Those of a frame count as independent from frame to frame in what is
     whitened in time already; those of a channel as they are in what frames and presses have left.
     """
 
@@ -74,6 +75,7 @@ class Whitening:
     sd: np.ndarray
     offset_ratio: np.ndarray
     spectrum: Spectrum = Spectrum()
+    wander: Spectrum = Spectrum()
     errors: ErrorColumns | None = field(default=None, repr=False)
     frame_number: np.ndarray | None = field(default=None, repr=False)
 
@@ -192,7 +194,7 @@ class Whitening:
         return int(np.isinf(self.offset_ratio).any())
 
     @cached_property
-    def _numbers(self) -> np.ndarray:
+    def numbers(self) -> np.ndarray:
         """(N,): the numbers of the frames."""
         if self.frame_number is None:
             return np.arange(float(len(self.mask)))
@@ -201,12 +203,12 @@ class Whitening:
     @cached_property
     def _pulse_norm(self) -> np.ndarray:
         """(N,): `pulse_norm` of these frames."""
-        return pulse_norm(self._numbers, self.spectrum)
+        return pulse_norm(self.numbers, self.spectrum)
 
     @cached_property
     def _lasting_filter(self) -> LastingFilter:
         """The filter of the noise in time."""
-        return LastingFilter.from_mask(self.mask, self._numbers, self.spectrum)
+        return LastingFilter.from_mask(self.mask, self.numbers, self.spectrum)
 
     def _filtered(self, values: np.ndarray) -> np.ndarray:
         """(..., N, M): values in units of the noise, 0 where lost, filtered in time."""

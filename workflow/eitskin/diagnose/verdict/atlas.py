@@ -9,12 +9,14 @@ the false discovery rate is that of Benjamini & Yekutieli (Ann. Statist. 29, 200
 independence.
 
 What the covariance does not know of a rig makes such parts longer than it allows. So a part must
-also repeat: it is the sum of parts of all presses, whose scatter has no need of a covariance. The
-p-value is the larger of both tests'.
+also be longer than what repeats of it let expect, or its odd half: noise of any spectrum has as much
+of it in the odd half of reciprocity, where no skin has any. Neither test has need of a covariance.
+The p-value is the larger of that by the covariance and that without.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
@@ -22,6 +24,7 @@ from scipy.stats import chi2, f, false_discovery_control
 
 from eitskin.data.recording import Recording
 from eitskin.diagnose.fitting.held_out import error_units
+from eitskin.diagnose.noise.noise_combinations import LEAST_COMBINATIONS
 from eitskin.diagnose.noise.reciprocity import parity
 from eitskin.diagnose.verdict.misfit_drivers import Law, laws, load_direction, nearness
 
@@ -47,7 +50,7 @@ def atlas(
     """
     misfit = _Misfit(recording, residual, simulated, fitted)
     rows = [row for row in _rows(misfit) if row.dof > 0]
-    p = np.array([max(float(chi2.sf(row.value, row.dof)), row.repeat_p) for row in rows])
+    p = np.array([max(float(chi2.sf(row.value, row.dof)), row.free_p) for row in rows])
     q = false_discovery_control(p, method="by")
     table = pd.DataFrame(
         [
@@ -66,36 +69,61 @@ class _Row:
     claim: str
     value: float
     dof: int
-    repeat_p: float = 0.0
+    free_p: float = 0.0
 
 
 @dataclass(frozen=True)
 class _Projection:
     """Of one field times one law, channel by channel: products with the residual in each unit of
-    frames (B, M) and with the fitted directions (P, M), and squared lengths (M,)."""
+    frames (B, M) and with the fitted directions (P, M), and squared lengths (M,); odd (M, O): half
+    of reciprocity."""
 
     products: np.ndarray
     shared: np.ndarray
     length: np.ndarray
+    odd: np.ndarray
 
     def explained(self, profiles: np.ndarray) -> tuple[float, int, float]:
         """Squared length of the residual in the directions of channels (k,) int, each by itself,
-        or of profiles (M, k) over the channels; the number of directions; and the p-value of
-        `repeat_p_value`."""
+        or of profiles (M, k) over the channels; the number of directions; and the p-value of the
+        length without a covariance, 0 where nothing tells it."""
+        products, dof = self._free_products(profiles)
+        total = products.sum(axis=0)
+        square = float(total @ total)
+        if dof == 0:
+            return square, dof, 1.0
+        p_values = [repeat_p_value(products)] if len(products) >= LEAST_UNITS else []
+        odd_square, odd_dof = self._odd
+        if odd_dof >= LEAST_COMBINATIONS:
+            ratio = square / dof / max(odd_square / odd_dof, ZERO_LENGTH)
+            p_values.append(float(f.sf(ratio, dof, odd_dof)))
+        return square, dof, min(1.0, len(p_values) * min(p_values, default=0.0))
+
+    @cached_property
+    def _odd(self) -> tuple[float, int]:
+        """Squared length of the residual in the odd half, and its number of directions."""
+        if not self.odd.shape[1]:
+            return 0.0, 0
+        products, dof = self._free_products(self.odd)
+        return float((products.sum(axis=0) ** 2).sum()), dof
+
+    def _free_products(self, profiles: np.ndarray) -> tuple[np.ndarray, int]:
+        """(B, k) products with orthonormal directions of channels or profiles, less their fitted
+        parts, and the number of directions that are left."""
         if profiles.dtype.kind == "i":
             channels = profiles[self.length[profiles] > ZERO_LENGTH]
             scale = 1.0 / np.sqrt(self.length[channels])
-            return _length(self.products[:, channels] * scale, self.shared[:, channels] * scale)
+            return _unfitted(self.products[:, channels] * scale, self.shared[:, channels] * scale)
         profiles = profiles[:, self.length @ profiles**2 > ZERO_LENGTH]
         if not profiles.shape[1]:
-            return 0.0, 0, 1.0
+            return np.zeros((len(self.products), 0)), 0
         gram = (profiles.T * self.length) @ profiles
         scale = 1.0 / np.sqrt(np.diag(gram))
         eigenvalues, basis = np.linalg.eigh(gram * scale * scale[:, None])
         is_direction = eigenvalues > FITTED_SHARE
         basis = basis[:, is_direction] / np.sqrt(eigenvalues[is_direction])
         basis = profiles @ (basis * scale[:, None])
-        return _length(self.products @ basis, self.shared @ basis)
+        return _unfitted(self.products @ basis, self.shared @ basis)
 
 
 class _Misfit:
@@ -126,6 +154,9 @@ class _Misfit:
         self.signal = np.where(self.mask & self.touch[:, None], signal, 0.0)
         self.weight = (self.signal**2).sum(axis=1)
         unit = error_units(recording)[:, 0] if self.touch.any() else np.zeros(len(self.touch))
+        signed = recording.metadata["voltage"] == "signed"
+        self.odd = parity(self.channels, signed)[0]
+        self.odd_of_signal = parity(self.channels, False)[0]
         self.unit_indicator = (np.unique(unit)[:, None] == unit).astype(float)
 
     @property
@@ -142,6 +173,7 @@ class _Misfit:
 
     def projections(self, laws: np.ndarray, field: np.ndarray | None = None) -> list[_Projection]:
         """One a column of laws (N, J), each channel of the field (N, M) times the law."""
+        odd = self.odd if field is None else self.odd_of_signal  # the field has its sign already
         field = self.mask.astype(float) if field is None else field * self.mask
         scaled_residual = field * self.residual
         products = [(self.unit_indicator * law) @ scaled_residual for law in laws.T]
@@ -151,7 +183,7 @@ class _Misfit:
         if self.is_difference:
             centred = length - (laws.T @ field) ** 2 / self.count
             length = np.where(centred > FITTED_SHARE * length, centred, 0.0)
-        return [_Projection(products[j], shared[:, j], length[j]) for j in range(laws.shape[1])]
+        return [_Projection(products[j], shared[:, j], length[j], odd) for j in range(laws.shape[1])]
 
 
 def _rows(misfit: _Misfit) -> Iterator[_Row]:
@@ -356,29 +388,25 @@ def _amplitude_rows(misfit: _Misfit) -> Iterator[_Row]:
         yield _Row(f"amplitude: {name}", "", claim, *projection.explained(profile))
 
 
-def _length(products: np.ndarray, shared: np.ndarray) -> tuple[float, int, float]:
-    """Squared length of the residual in orthonormal directions less their fitted parts, the number
-    of directions that are left, and the p-value of `repeat_p_value`.
+def _unfitted(products: np.ndarray, shared: np.ndarray) -> tuple[np.ndarray, int]:
+    """(B, k) products of the residual in each unit of frames with orthonormal directions, less what
+    fitted directions took of these, and the number of directions that are left.
 
-    products (B, k) with the residual in each unit of frames, shared (P, k) with orthonormal fitted
-    directions; one that is fitted counts as none.
+    shared (P, k): with orthonormal fitted directions; one that is fitted counts as none.
     """
     if not products.shape[1]:
-        return 0.0, 0, 1.0
+        return products, 0
     _, cosines, right_singular = np.linalg.svd(shared, full_matrices=False)
-    along = products @ right_singular.T
     free_share = 1.0 - cosines**2
     is_free = free_share > FITTED_SHARE
     scale = np.where(is_free, 1.0 / np.sqrt(np.where(is_free, free_share, 1.0)), 0.0)
-    free_products = products + (along * (scale - 1.0)) @ right_singular
-    total = free_products.sum(axis=0)
-    dof = int(products.shape[1] - (~is_free).sum())
-    return float(total @ total), dof, repeat_p_value(free_products)
+    free_products = products + (products @ right_singular.T * (scale - 1.0)) @ right_singular
+    return free_products, int(products.shape[1] - (~is_free).sum())
 
 
 def repeat_p_value(products: np.ndarray) -> float:
-    """P-value of the sum of products (B, k) with B units of frames, by their scatter alone; 0 with
-    fewer than LEAST_UNITS.
+    """P-value of the sum of products (B, k) with B units of frames, by their scatter alone; 1 where
+    there is none of it.
 
     Where units are independent and their mean is 0, the squared length of the sum over that of
     the scatter about their mean is distributed as F, whatever their covariance is; its degrees of
@@ -388,12 +416,12 @@ def repeat_p_value(products: np.ndarray) -> float:
     products = products[(products != 0.0).any(axis=1)]
     count, size = products.shape
     if count < LEAST_UNITS:
-        return 0.0
+        return 1.0
     mean, dof = products.mean(axis=0), count - 1
     gram = (products - mean) @ (products - mean).T
     trace, square = float(np.trace(gram)), float((gram**2).sum())
     if trace == 0.0:
-        return 0.0
+        return 1.0
     uneven = max(square - trace**2 / dof, 0.0) / ((dof - 1) * (dof + 2))
     size = min(max(trace**2 / dof**2 / uneven, 1.0), size) if uneven > 0.0 else size
     ratio = count * float(mean @ mean) / (trace / dof)

@@ -14,6 +14,7 @@ SENTENCES = {  # on a component; its size as {size}, or as {size:%} of the whole
     "common-noise": "All channels of a frame share noise of {size}.",
     "channel-drift": "Each channel drifts by itself: at the recording's end it is typically off by"
     " {size}.",
+    "channel-wander": "Each channel wanders by itself about its level, by {size}.",
     "quantisation": "The converter's rounding leaves errors of typically {size} that do not"
     " scatter.",
     "quadrature": "The board reads magnitudes: quadrature of typically {size:%} of a reading is in"
