@@ -104,21 +104,8 @@ def global_p(search: Search, local: float) -> float:
 
 
 def best_p_value(search: Search, explanation: Explanation) -> float:
-    """Global p-value of the best candidate beside an explanation, 1 where there is none; cached as
-    that of the set that candidates were last held against."""
-    least_p_value = min((s.p_value for s in scores(search, explanation)), default=1.0)
-    p_value = global_p(search, least_p_value)
-    search.cache.best_refused = explanation.key, p_value
-    return p_value
-
-
-def refused_p_value(search: Search, explanation: Explanation) -> float:
-    """Global p-value of the best candidate that did not enter an explanation; that of the last set
-    where the budget is used up, or where the readings are of no such skin."""
-    key, p_value = search.cache.best_refused
-    if explanation.key == key or search.spent or is_unlike(search, explanation):
-        return p_value
-    return best_p_value(search, explanation)
+    """Global p-value of the best candidate beside an explanation, 1 where there is none."""
+    return global_p(search, min((s.p_value for s in scores(search, explanation)), default=1.0))
 
 
 def ratio_p_value(
@@ -189,25 +176,32 @@ def _hopeful_names(
 
 def _absorbed(search: Search, explanation: Explanation, listed: set[str]) -> list[Score]:
     """The best scores of names, but for `listed` ones, that would be significant if what one of the
-    rig's errors has taken to itself were open: until sds are learned again, what is alike in all
-    presses is the rig's too."""
+    rig's errors, or all of them, have taken to themselves were open: until sds are learned again,
+    what is alike in all presses is the rig's too."""
     best: dict[str, Score] = {}
-    for component, sd in explanation.error_sds.items():
-        if sd > 0.0 and not COMPONENTS[component].discrepancy:
-            for score_test in _without_component(search, explanation, component, listed):
-                best.setdefault(score_test.candidate.name, score_test)
+    names = [
+        name
+        for name, sd in explanation.error_sds.items()
+        if sd > 0.0 and not COMPONENTS[name].discrepancy
+    ]
+    absorbers = [(name,) for name in names]
+    if len(names) > 1:
+        absorbers.append(tuple(names))
+    for components in absorbers:
+        for score_test in _without_components(search, explanation, components, listed):
+            best.setdefault(score_test.candidate.name, score_test)
     return list(best.values())
 
 
-def _without_component(
-    search: Search, explanation: Explanation, component: str, listed: set[str]
+def _without_components(
+    search: Search, explanation: Explanation, components: tuple[str, ...], listed: set[str]
 ) -> list[Score]:
-    """The best scores of names where a component is not in the covariance, as many as COMPETING
-    admits. Without it a candidate's information is no less, so that the score with it bounds that
-    without."""
+    """The best scores of names where some components are not in the covariance, as many as
+    COMPETING admits. Without them a candidate's information is no less, so that the score with them
+    bounds that without."""
     assert explanation.rig is not None
     base = linearised(search, explanation)
-    sds: Mapping[str, float] = {**explanation.error_sds, component: 0.0}
+    sds: Mapping[str, float] = {**explanation.error_sds, **dict.fromkeys(components, 0.0)}
     problem = replace(base.fit.problem, whitening=explanation.rig.whitening(sds, fitted=True))
     tangents = Tangents(rewhitened(base.fit, problem), [base])
     shape = tangents.voltage.shape
@@ -231,7 +225,7 @@ def _without_component(
     ]
     significant.sort(key=lambda s: -s.log_evidence)
     return [
-        s
+        replace(s, absorbers=components)
         for rank, s in enumerate(significant, start=1)
         if search.journal.judge(COMPETING, rank, s.candidate, explanation)
     ]
@@ -279,7 +273,7 @@ def trials(
             return Refusal(BUDGET, search.budget_used)
         races = not search.journal.would_pass(RACE, np.inf, proposal.candidate.name)
         enough = cost_for(explanation, best - race) if races else np.inf
-        trial = with_effect(search, explanation, proposal.candidate, enough)
+        trial = with_effect(search, explanation, proposal.candidate, enough, proposal.absorbers)
         if isinstance(trial, Explanation):
             whitening = trial.fit.problem.whitening
             if whitening is not explanation.fit.problem.whitening:

@@ -278,10 +278,18 @@ def from_far(
 
 
 def with_effect(
-    search: Search, explanation: Explanation, candidate: Candidate, enough: float = np.inf
+    search: Search,
+    explanation: Explanation,
+    candidate: Candidate,
+    enough: float = np.inf,
+    absorbers: tuple[str, ...] = (),
 ) -> Explanation | Refusal:
     """An explanation with a candidate fitted beside its effects, or joined to a sparse effect of
-    the same name; enough: the cost from which on the fit is worth its end (`fit`)."""
+    the same name; enough: the cost from which on the fit is worth its end (`fit`).
+
+    absorbers: errors of the rig that may have taken the effect to themselves: the fit begins from
+    the covariance without them as well, and the likelier end counts.
+    """
     effects, theta = list(explanation.effects), explanation.fit.theta
     for index, effect in enumerate(effects):
         if effect.name != candidate.name or effect.kind != candidate.kind:
@@ -296,7 +304,7 @@ def with_effect(
             values = _joined_coordinates(effect, union, theta[place])
             start = np.r_[theta[: place.start], values, theta[place.stop :]]
             effects[index] = union
-            return _fitted(search, effects, start, None, explanation, enough)
+            return _fitted(search, effects, start, None, explanation, enough, absorbers)
         if not effect.effect.several or _is_same_entry(effect, candidate):
             return Refusal(ENTRY, 0.0)
     if search.starts_far(candidate):
@@ -304,7 +312,7 @@ def with_effect(
     start = np.r_[theta, np.zeros(candidate.size)]
     columns = linearised(search, explanation).jacobian(candidate)
     jacobian = np.concatenate([explanation.fit.jacobian, columns])
-    return _fitted(search, [*effects, candidate], start, jacobian, explanation, enough)
+    return _fitted(search, [*effects, candidate], start, jacobian, explanation, enough, absorbers)
 
 
 def _joinable(effect: Candidate, candidate: Candidate) -> bool:
@@ -350,8 +358,17 @@ def _fitted(
     jacobian: np.ndarray | None,
     explanation: Explanation,
     enough: float,
+    absorbers: tuple[str, ...],
 ) -> Explanation | Refusal:
-    """Effects fitted from a start in the covariance of an explanation."""
+    """Effects fitted from a start in the covariance of an explanation; with absorbers in that
+    without them as well."""
+    if absorbers:
+        ends = [
+            _fitted(search, effects, start, jacobian, explanation, enough, ()),
+            _effects_first(search, effects, start, explanation, absorbers),
+        ]
+        fitted_ends = [end for end in ends if isinstance(end, Explanation)]
+        return max(fitted_ends, key=lambda end: end.log_evidence, default=ends[0])
     try:
         with search.problem.model.solved_skins.within(search.budget):
             problem = explanation.fit.problem
@@ -368,6 +385,29 @@ def _fitted(
                 return Refusal(ASTRAY, behind)
             p_values, sds = explanation.p_values, explanation.error_sds
             return explain(search, fitted, p_values, sds, explanation.rig)
+    except (InputError, np.linalg.LinAlgError):
+        return Refusal(PHYSICS, 0.0)
+    except EffortExceeded:
+        return Refusal(BUDGET, search.budget_used)
+
+
+def _effects_first(
+    search: Search,
+    effects: list[Candidate],
+    start: np.ndarray,
+    explanation: Explanation,
+    absorbers: tuple[str, ...],
+) -> Explanation | Refusal:
+    """Effects fitted from a start with touches where they are reported to be and without some of
+    the rig's errors, whose sds are learned from 0 about that fit."""
+    assert search.rig is not None
+    sds = {**explanation.error_sds, **dict.fromkeys(absorbers, 0.0)}
+    try:
+        with search.problem.model.solved_skins.within(search.budget):
+            whitening = search.rig.whitening(sds, discrepancy=False, fitted=True)
+            fitted = fit(replace(search.problem, whitening=whitening), effects, start)
+            rig = linearised_rig_errors(fitted, search.problem.whitening, search.converter_step)
+            return explain(search, fitted, explanation.p_values, sds, rig)
     except (InputError, np.linalg.LinAlgError):
         return Refusal(PHYSICS, 0.0)
     except EffortExceeded:

@@ -27,8 +27,7 @@ class Cache:
     tangents: about a set; met: the explanation that the tangents of a set are about; reduced: sets
     less one effect, with the fit of the whole set; scores, trials: beside a set, with its fit;
     lengths: squared length of the change by each candidate without coordinates; scoring: of the sds
-    of the rig's errors; null: distribution of the least p-value by chance alone; best_refused: the
-    set that candidates were last held against, and the global p-value of the best of them.
+    of the rig's errors; null: distribution of the least p-value by chance alone.
     """
 
     tangents: dict[tuple, Tangents] = field(default_factory=dict)
@@ -39,7 +38,6 @@ class Cache:
     lengths: dict[tuple, float] = field(default_factory=dict)
     scoring: ScoringCache = field(default_factory=ScoringCache)
     null: NullDistribution | None = None
-    best_refused: tuple[tuple | None, float] = (None, 1.0)
 
     def branch(self) -> "Cache":
         """A cache for a search among other candidates: what was fitted is shared, scores and
@@ -56,7 +54,7 @@ class Cache:
     def adopt(self, branch: "Cache") -> None:
         """Take over what a branch computed, its scores excepted: they are of fewer candidates."""
         self.tangents, self.met, self.reduced = branch.tangents, branch.met, branch.reduced
-        self.trials, self.best_refused = branch.trials, branch.best_refused
+        self.trials = branch.trials
 
 
 @dataclass(frozen=True)
@@ -121,7 +119,7 @@ class Search:
 
     def in_covariance(self, problem: Problem, rig: RigErrors | None) -> "Search":
         """The same search in another covariance, without what was computed in this one."""
-        cache = Cache(null=self.cache.null, best_refused=self.cache.best_refused)
+        cache = Cache(null=self.cache.null)
         return replace(self, problem=problem, rig=rig, cache=cache)
 
     def restored(self) -> "Search":

@@ -17,7 +17,6 @@ from eitskin.diagnose.noise.whitening import Whitening
 from eitskin.diagnose.search.explanation import Explanation
 from eitskin.diagnose.search.growth import Outcome, cut_short
 from eitskin.diagnose.search.prediction import is_unlike, likeness
-from eitskin.diagnose.search.proposals import refused_p_value
 from eitskin.diagnose.search.refits import without_discrepancy
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.verdict.atlas import atlas
@@ -101,7 +100,6 @@ def assess(data: Data, outcome: Outcome, was_cut_short: bool) -> Diagnosis:
     """The diagnosis that follows from the outcome of a search; was_cut_short: whether a stage of
     the search was."""
     search, baseline, explanation = outcome
-    catalogue_p = refused_p_value(search, explanation)
     if not explanation.effects:
         baseline = explanation
     step, unit = data.noise.converter_step, data.recording.metadata["unit"]
@@ -112,7 +110,7 @@ def assess(data: Data, outcome: Outcome, was_cut_short: bool) -> Diagnosis:
         cut_short(search, explanation)
     named_fit = data.named_fit(explanation)
     residual_atlas = data.residual_atlas(named_fit)
-    unnamed = _remainder(search, explanation, residual_atlas, catalogue_p)
+    unnamed = _remainder(search, explanation, residual_atlas)
     return Diagnosis(
         recording=data.recording,
         search=search,
@@ -132,9 +130,9 @@ def assess(data: Data, outcome: Outcome, was_cut_short: bool) -> Diagnosis:
 
 
 def _remainder(
-    search: Search, explanation: Explanation, residual_atlas: pd.DataFrame, catalogue_p: float
+    search: Search, explanation: Explanation, residual_atlas: pd.DataFrame
 ) -> Remainder:
     """The remainder of an explanation, by the atlas of its residual."""
     if is_unlike(search, explanation):
         return unlike_remainder(likeness(search, explanation))
-    return remainder(residual_atlas, catalogue_p)
+    return remainder(residual_atlas)

@@ -15,7 +15,6 @@ PRIOR = 0.05  # that physics outside the catalogue is present, before looking
 WEIGHT, LARGEST_LOG_FACTOR = 0.82, 5.0
 # What goes with time alone, or is in one press alone, a rig's ordinary errors do as well.
 PASSING = ("time", "order", "session", "press")
-INDEPENDENT_SHARE = 0.5  # of the atlas's rows: the rest repeat what others say
 DRIVERS = {  # of the statistics of the atlas
     "time": "time",
     "order": "time",
@@ -76,19 +75,16 @@ def unlike_remainder(likeness: float) -> Remainder:
     return Remainder(probability(0.0), 0.0, [], [], [], None, None, sentence, np.inf)
 
 
-def remainder(atlas: pd.DataFrame, catalogue_p: float) -> Remainder:
-    """What the atlas of the final residual shows; catalogue_p: the global p-value of the best
-    candidate that did not enter.
+def remainder(atlas: pd.DataFrame) -> Remainder:
+    """What the atlas of the final residual shows.
 
-    The p-value of the remainder is that of the least p-value of the atlas among as many as are
-    independent, 1 - (1 - p)^n, and of catalogue_p, the smaller of the two times two.
+    The p-value of the remainder is that of the least p-value of the atlas's rows but the PASSING,
+    among n of them, 1 - (1 - p)^n: rows overlap, so that it is no less (Šidák 1967).
     """
     statistics = atlas["statistic"].str.partition(":")[0]
     rows = atlas[~statistics.isin(("everything", *PASSING))]
     smallest_p = float(rows["p"].min()) if len(rows) else 1.0
-    count = max(1.0, INDEPENDENT_SHARE * len(rows))
-    p = float(-np.expm1(count * np.log1p(-min(smallest_p, 1.0 - 1e-16))))
-    p = min(1.0, 2.0 * min(p, catalogue_p))
+    p = float(-np.expm1(len(rows) * np.log1p(-min(smallest_p, 1.0 - 1e-16))))
     chance = probability(p)
     snr = float(np.sqrt(max((rows["value"] - rows["dof"]).max(), 0.0))) if len(rows) else 0.0
     if NOTHING_UNNAMED.admits(chance):
