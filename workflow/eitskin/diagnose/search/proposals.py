@@ -174,8 +174,10 @@ def _hopeful_names(
     return hopeful
 
 
-def _absorbed(search: Search, explanation: Explanation, listed: set[str]) -> list[Score]:
-    """The best scores of names, but for `listed` ones, that would be significant if what one of the
+def _with_absorbed(
+    search: Search, explanation: Explanation, listed: list[Score]
+) -> list[Score]:
+    """Listed scores and the best ones of further names that would be significant if what one of the
     rig's errors, or all of them, have taken to themselves were open: until sds are learned again,
     what is alike in all presses is the rig's too."""
     best: dict[str, Score] = {}
@@ -184,17 +186,21 @@ def _absorbed(search: Search, explanation: Explanation, listed: set[str]) -> lis
         for name, sd in explanation.error_sds.items()
         if sd > 0.0 and not COMPONENTS[name].discrepancy
     ]
-    absorbers = [(name,) for name in names]
+    left_out = [(name,) for name in names]
     if len(names) > 1:
-        absorbers.append(tuple(names))
-    for components in absorbers:
-        for score_test in _without_components(search, explanation, components, listed):
+        left_out.append(tuple(names))
+    for components in left_out:
+        for score_test in _without_components(search, explanation, components):
             best.setdefault(score_test.candidate.name, score_test)
-    return list(best.values())
+    names_listed = {score_test.candidate.name for score_test in listed}
+    return [
+        *(replace(s, absorbed=s.candidate.name in best) for s in listed),
+        *(s for name, s in best.items() if name not in names_listed),
+    ]
 
 
 def _without_components(
-    search: Search, explanation: Explanation, components: tuple[str, ...], listed: set[str]
+    search: Search, explanation: Explanation, components: tuple[str, ...]
 ) -> list[Score]:
     """The best scores of names where some components are not in the covariance, as many as
     COMPETING admits. Without them a candidate's information is no less, so that the score with them
@@ -209,7 +215,7 @@ def _without_components(
     bounds: dict[str, list[tuple[float, Candidate]]] = {}
     for score_test in scores(search, explanation):
         candidate = score_test.candidate
-        if candidate.name in listed or candidate.scope == "dense" or score_test.information is None:
+        if candidate.scope == "dense" or score_test.information is None:
             continue
         slope = tangents.raw_products(candidate, weights)
         gain = float(slope @ np.linalg.pinv(score_test.information) @ slope)
@@ -225,7 +231,7 @@ def _without_components(
     ]
     significant.sort(key=lambda s: -s.log_evidence)
     return [
-        replace(s, absorbers=components)
+        replace(s, absorbed=True)
         for rank, s in enumerate(significant, start=1)
         if search.journal.judge(COMPETING, rank, s.candidate, explanation)
     ]
@@ -264,7 +270,7 @@ def trials(
     hopeful = _hopeful_names(search, explanation, ranked) if ranked else {}
     listed = shortlist(search.journal, explanation, ranked, hopeful)
     listed += _far(search, explanation, listed)
-    listed += _absorbed(search, explanation, {s.candidate.name for s in listed})
+    listed = _with_absorbed(search, explanation, listed)
     attempted = [s for s in listed if incumbent is None or s.candidate.key != incumbent.key]
     race = RACE.threshold
 
@@ -273,7 +279,7 @@ def trials(
             return Refusal(BUDGET, search.budget_used)
         races = not search.journal.would_pass(RACE, np.inf, proposal.candidate.name)
         enough = cost_for(explanation, best - race) if races else np.inf
-        trial = with_effect(search, explanation, proposal.candidate, enough, proposal.absorbers)
+        trial = with_effect(search, explanation, proposal.candidate, enough, proposal.absorbed)
         if isinstance(trial, Explanation):
             whitening = trial.fit.problem.whitening
             if whitening is not explanation.fit.problem.whitening:

@@ -282,13 +282,13 @@ def with_effect(
     explanation: Explanation,
     candidate: Candidate,
     enough: float = np.inf,
-    absorbers: tuple[str, ...] = (),
+    absorbed: bool = False,
 ) -> Explanation | Refusal:
     """An explanation with a candidate fitted beside its effects, or joined to a sparse effect of
     the same name; enough: the cost from which on the fit is worth its end (`fit`).
 
-    absorbers: errors of the rig that may have taken the effect to themselves: the fit begins from
-    the covariance without them as well, and the likelier end counts.
+    absorbed: whether errors of the rig may have taken the effect to themselves: it is fitted before
+    them as well, and the likelier end counts.
     """
     effects, theta = list(explanation.effects), explanation.fit.theta
     for index, effect in enumerate(effects):
@@ -304,7 +304,7 @@ def with_effect(
             values = _joined_coordinates(effect, union, theta[place])
             start = np.r_[theta[: place.start], values, theta[place.stop :]]
             effects[index] = union
-            return _fitted(search, effects, start, None, explanation, enough, absorbers)
+            return _fitted(search, effects, start, None, explanation, enough, absorbed)
         if not effect.effect.several or _is_same_entry(effect, candidate):
             return Refusal(ENTRY, 0.0)
     if search.starts_far(candidate):
@@ -312,7 +312,7 @@ def with_effect(
     start = np.r_[theta, np.zeros(candidate.size)]
     columns = linearised(search, explanation).jacobian(candidate)
     jacobian = np.concatenate([explanation.fit.jacobian, columns])
-    return _fitted(search, [*effects, candidate], start, jacobian, explanation, enough, absorbers)
+    return _fitted(search, [*effects, candidate], start, jacobian, explanation, enough, absorbed)
 
 
 def _joinable(effect: Candidate, candidate: Candidate) -> bool:
@@ -358,14 +358,14 @@ def _fitted(
     jacobian: np.ndarray | None,
     explanation: Explanation,
     enough: float,
-    absorbers: tuple[str, ...],
+    absorbed: bool,
 ) -> Explanation | Refusal:
-    """Effects fitted from a start in the covariance of an explanation; with absorbers in that
-    without them as well."""
-    if absorbers:
+    """Effects fitted from a start in the covariance of an explanation; where they may be absorbed,
+    the likelier of that and `_effects_first`."""
+    if absorbed:
         ends = [
-            _fitted(search, effects, start, jacobian, explanation, enough, ()),
-            _effects_first(search, effects, start, explanation, absorbers),
+            _fitted(search, effects, start, jacobian, explanation, enough, False),
+            _effects_first(search, effects, start, explanation),
         ]
         fitted_ends = [end for end in ends if isinstance(end, Explanation)]
         return max(fitted_ends, key=lambda end: end.log_evidence, default=ends[0])
@@ -396,18 +396,14 @@ def _effects_first(
     effects: list[Candidate],
     start: np.ndarray,
     explanation: Explanation,
-    absorbers: tuple[str, ...],
 ) -> Explanation | Refusal:
-    """Effects fitted from a start with touches where they are reported to be and without some of
-    the rig's errors, whose sds are learned from 0 about that fit."""
-    assert search.rig is not None
-    sds = {**explanation.error_sds, **dict.fromkeys(absorbers, 0.0)}
+    """Effects fitted from a start in noise alone, with touches where they are reported to be; the
+    sds of the rig's errors are learned from 0 about that fit."""
     try:
         with search.problem.model.solved_skins.within(search.budget):
-            whitening = search.rig.whitening(sds, discrepancy=False, fitted=True)
-            fitted = fit(replace(search.problem, whitening=whitening), effects, start)
+            fitted = fit(search.problem, effects, start)
             rig = linearised_rig_errors(fitted, search.problem.whitening, search.converter_step)
-            return explain(search, fitted, explanation.p_values, sds, rig)
+            return explain(search, fitted, explanation.p_values, {}, rig)
     except (InputError, np.linalg.LinAlgError):
         return Refusal(PHYSICS, 0.0)
     except EffortExceeded:

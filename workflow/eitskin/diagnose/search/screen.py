@@ -65,8 +65,8 @@ class Score:
 
     gain: of chi squared; dof: degrees of freedom; log_evidence: linear, with the prior over sites;
     choices: among how many it was chosen as the best, beyond what a `NullDistribution` counts as
-    looks; information (k, k): of the coordinates, where each has some; absorbers: the errors of the
-    rig that were left out of the covariance, for they may have taken the effect to themselves.
+    looks; information (k, k): of the coordinates, where each has some; absorbed:
+    whether errors of the rig were left out of the covariance, for they may have taken the effect.
     """
 
     candidate: Candidate
@@ -75,7 +75,7 @@ class Score:
     log_evidence: float
     choices: int = 1
     information: np.ndarray | None = field(default=None, repr=False)
-    absorbers: tuple[str, ...] = ()
+    absorbed: bool = False
 
     @property
     def p_value(self) -> float:
