@@ -177,9 +177,9 @@ def _hopeful_names(
 def _with_absorbed(
     search: Search, explanation: Explanation, listed: list[Score]
 ) -> list[Score]:
-    """Listed scores and the best ones of further names that would be significant if what one of the
-    rig's errors, or all of them, have taken to themselves were open: until sds are learned again,
-    what is alike in all presses is the rig's too."""
+    """The best scores of names that would be significant if what one of the rig's errors, or all of
+    them, have taken to themselves were open, the best first, and the listed scores of other names:
+    until sds are learned again, what is alike in all presses is the rig's too."""
     best: dict[str, Score] = {}
     names = [
         name
@@ -191,12 +191,11 @@ def _with_absorbed(
         left_out.append(tuple(names))
     for components in left_out:
         for score_test in _without_components(search, explanation, components):
-            best.setdefault(score_test.candidate.name, score_test)
-    names_listed = {score_test.candidate.name for score_test in listed}
-    return [
-        *(replace(s, absorbed=s.candidate.name in best) for s in listed),
-        *(s for name, s in best.items() if name not in names_listed),
-    ]
+            name = score_test.candidate.name
+            if name not in best or score_test.log_evidence > best[name].log_evidence:
+                best[name] = score_test
+    absorbed = sorted(best.values(), key=lambda s: -s.log_evidence)
+    return [*absorbed, *(s for s in listed if s.candidate.name not in best)]
 
 
 def _without_components(
