@@ -35,6 +35,8 @@ class NoiseComponent(ABC):
     cannot be learned, and is assumed to be the prior's. lasting: one value a channel that stays the
     same. common_mode: moves all readings of a frame together. discrepancy: stands for physics
     without a name, no error of a rig; it never enters the chi squared of a verdict.
+    every_frame: the component that moves readings alike, independently from frame to frame; "" for
+    none.
     """
 
     name: ClassVar[str]
@@ -46,6 +48,7 @@ class NoiseComponent(ABC):
     lasting: ClassVar[bool] = False
     common_mode: ClassVar[bool] = False
     discrepancy: ClassVar[bool] = False
+    every_frame: ClassVar[str] = ""
 
     def affected_frames(self, linearisation: Linearisation) -> np.ndarray:
         """(N,) bool: frames that the error acts on; all."""
@@ -144,6 +147,7 @@ class AmplitudePerFrame(NoiseComponent):
 
     name, unit, prior_sd, acts_on = "amplitude-per-frame", "1", 2e-3, "frame"
     common_mode = True
+    every_frame = name
 
     def basis(self, linearisation: Linearisation) -> np.ndarray:
         """(1, N, M): the readings themselves."""
@@ -156,6 +160,7 @@ class CommonNoise(NoiseComponent):
 
     name, unit, prior_sd, acts_on = "common-noise", READINGS, 2e-3, "frame"
     common_mode = True
+    every_frame = name
 
     def basis(self, linearisation: Linearisation) -> np.ndarray:
         """(1, N, M): ones."""
@@ -169,6 +174,7 @@ class GainWalk(NoiseComponent):
     name, unit, prior_sd, acts_on = "gain-walk", "1", 1e-2, "whole"
     least_frames = LEAST_FRAMES
     common_mode = True
+    every_frame = AmplitudePerFrame.name
 
     def basis(self, linearisation: Linearisation) -> np.ndarray:
         """(FAST_WAVES, N, M): waves of a random walk, times the readings."""
@@ -294,6 +300,7 @@ class PlacePerFrame(TouchComponent):
     """The robot's place scatters from frame to frame."""
 
     name, unit, prior_sd = "place-per-frame", "mm", 1.0
+    every_frame = name
 
     def displacements(self, linearisation: Linearisation) -> list[tuple[str, np.ndarray]]:
         """Of every touch, along x and along y."""
@@ -306,6 +313,7 @@ class ForcePerFrame(TouchComponent):
     """The load cell scatters from frame to frame."""
 
     name, unit, prior_sd = "force-per-frame", "N", 0.1
+    every_frame = name
 
     def displacements(self, linearisation: Linearisation) -> list[tuple[str, np.ndarray]]:
         """Of every touch's force."""
@@ -317,6 +325,7 @@ class PlacePerPress(PressTouchComponent, PlacePerFrame):
     """The robot's place is off, press by press."""
 
     name, unit, prior_sd = "place-per-press", "mm", 1.0
+    every_frame = PlacePerFrame.name
 
 
 @component
@@ -324,6 +333,7 @@ class ForcePerPress(PressTouchComponent):
     """The load cell's force is off by a share, press by press."""
 
     name, unit, prior_sd = "force-per-press", "1", 0.1
+    every_frame = ForcePerFrame.name
 
     def displacements(self, linearisation: Linearisation) -> list[tuple[str, np.ndarray]]:
         """Of every touch's force, in proportion to it."""
@@ -336,6 +346,7 @@ class ForceZeroWalk(PressTouchComponent):
     """The load cell's zero walks; its sd is that at the recording's end."""
 
     name, unit, prior_sd, acts_on = "force-zero-walk", "N", 0.2, "whole"
+    every_frame = ForcePerFrame.name
 
     def displacements(self, linearisation: Linearisation) -> list[tuple[str, np.ndarray]]:
         """Of every touch's force, by waves of a random walk."""

@@ -19,6 +19,9 @@ from eitskin.diagnose.noise.spectrum import Spectrum
 from eitskin.diagnose.noise.whitening import ErrorColumns, Whitening
 
 
+FREE = 10.0  # times an error's sd, at which a hundredth of its size is expected to be there
+
+
 @dataclass(frozen=True)
 class RigErrors:
     """The components that a recording can have, about a fit of N frames and M channels.
@@ -182,6 +185,22 @@ class RigErrors:
             for column, displacement in displacements:
                 variances[column] += (error_sds.get(name, 0.0) * displacement) ** 2
         return {column: np.sqrt(variance) for column, variance in variances.items()}
+
+    def free_in_frames(self, error_sds: Mapping[str, float]) -> dict[str, float]:
+        """Sds with FREE times as large errors, independent from frame to frame, in place of those
+        that have an sd and move the readings of a frame, or its touch, in the same directions.
+
+        What is tested in such a covariance does not depend on the course of these errors in time.
+        """
+        free_sds = dict(error_sds)
+        square: dict[str, float] = {}
+        for name, columns in self.columns.items():
+            counterpart = COMPONENTS[name].every_frame
+            if counterpart in self.columns and (error_sd := error_sds.get(name, 0.0)) > 0.0:
+                length = float((columns**2).sum()) * error_sd**2
+                unit_length = float((self.columns[counterpart] ** 2).sum())
+                square[counterpart] = square.get(counterpart, 0.0) + length / unit_length
+        return free_sds | {name: FREE * float(np.sqrt(value)) for name, value in square.items()}
 
     def frame_whitening(self, error_sds: Mapping[str, float]) -> Whitening:
         """The covariance of each frame by itself, its touch being where it is: the noise, what

@@ -76,8 +76,14 @@ class Data:
     reserve_mask: np.ndarray
     noise_whitening: Whitening
 
-    def residual_atlas(self, fitted: Fit) -> pd.DataFrame:
-        """The atlas of the residual of a fit."""
+    def residual_atlas(self, explanation: Explanation, fitted: Fit) -> pd.DataFrame:
+        """The atlas of the residual of a fit of an explanation, with what the rig's errors move in
+        a frame free in every frame."""
+        rig = explanation.rig
+        if rig is not None and not replaces_instrument(explanation.effects):
+            sds = rig.free_in_frames(explanation.error_sds)
+            whitening = rig.whitening(sds, discrepancy=False, fitted=True)
+            fitted = rewhitened(fitted, replace(fitted.problem, whitening=whitening))
         mask = fitted.problem.whitening.mask
         simulated = np.where(mask, fitted.voltage(), np.nan)
         columns = fitted.jacobian.reshape(len(fitted.theta), -1).T
@@ -109,7 +115,7 @@ def assess(data: Data, outcome: Outcome, was_cut_short: bool) -> Diagnosis:
     if search.spent or was_cut_short:
         cut_short(search, explanation)
     named_fit = data.named_fit(explanation)
-    residual_atlas = data.residual_atlas(named_fit)
+    residual_atlas = data.residual_atlas(explanation, named_fit)
     unnamed = _remainder(search, explanation, residual_atlas)
     return Diagnosis(
         recording=data.recording,
@@ -120,7 +126,7 @@ def assess(data: Data, outcome: Outcome, was_cut_short: bool) -> Diagnosis:
         reserve_mask=data.reserve_mask,
         reserve=data.reserve,
         rig_errors=component_intervals(rig, explanation.error_sds, unit, data.noise),
-        baseline_atlas=data.residual_atlas(data.named_fit(baseline)),
+        baseline_atlas=data.residual_atlas(baseline, data.named_fit(baseline)),
         atlas=residual_atlas,
         named_fit=named_fit,
         gaps=distances,
