@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from eitskin.diagnose.noise.noise_model import NoiseModel
+from eitskin.diagnose.noise.spectrum import Spectrum
 from proof import rig_sizes
 from proof.intervals import wilson
 from witness import cases, rig_errors
@@ -110,7 +111,7 @@ def test_noise_of_its_own_beside_what_was_drawn(case):
     steady = NoiseModel(case.noise_V, 1e4, "by hand")
     _, true, found, _ = rig_sizes._of_noise(loud, loud.rig[0], steady)
     assert found == 0.0 and round(true * len(case.clean)) == round(0.03 * len(case.clean))
-    noise = replace(steady, correlation=0.9)
+    noise = replace(steady, spectrum=Spectrum.first_order(0.9))
     slow, _ = with_error(case, "correlated-noise", 0.9)
     lasts, _, found, log_sd = rig_sizes._of_noise(slow, slow.rig[0], noise)
     assert lasts == found == pytest.approx(-1.0 / np.log(0.9)) and log_sd < rig_sizes.TELLABLE_SD

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eitskin.diagnose.noise.low_rank import BATCH_COLUMNS
+from eitskin.diagnose.noise.spectrum import Spectrum
 from eitskin.diagnose.noise.whitening import MOST_LINKED_IN_SINGLE, ErrorColumns, Whitening
 
 LEAK = "in lasting noise a press's error reaches the frame after it, of another press or of none"
@@ -71,6 +72,13 @@ def test_values_of_several_axes_are_whitened_alike():
     assert np.allclose(whitening(many), [whitening(one) for one in many])
 
 
+def spectrum_of(correlation):
+    """White noise at 0, one process below a half, and else two beside white noise."""
+    if correlation < 0.5:
+        return Spectrum.first_order(correlation)
+    return Spectrum((correlation, 0.4), (0.5, 0.2))
+
+
 def rigged(seed, frames, channels, counts, correlation=0.0, rho=0.0):
     """With columns of every channel, of every frame, of the whole, of every press and linked ones,
     as many as counts says; rho: None where the constant is free. Up to three presses, of unequal
@@ -83,7 +91,7 @@ def rigged(seed, frames, channels, counts, correlation=0.0, rho=0.0):
     clock = 7 + np.cumsum(np.random.default_rng([seed, 1]).choice([1, 1, 2, 5], frames))
     linked = columns.pop() if len(columns) > 4 else None
     errors = ErrorColumns(*columns, press_label=np.maximum(label, -1), linked=linked)
-    return replace(plain, correlation=correlation, errors=errors, frame_number=clock)
+    return replace(plain, spectrum=spectrum_of(correlation), errors=errors, frame_number=clock)
 
 
 def written_out(whitening, constant):
@@ -91,8 +99,9 @@ def written_out(whitening, constant):
     row, channel = np.nonzero(whitening.mask)
     apart = np.abs(whitening.frame_number[row][:, None] - whitening.frame_number[row])
     same = channel[:, None] == channel
+    covariance = whitening.spectrum.covariance(whitening.frame_number)
     sd, level, errors = whitening.sd[channel], constant[channel], whitening.errors
-    found = same * (np.outer(sd, sd) * whitening.correlation**apart + np.outer(level, level))
+    found = same * (np.outer(sd, sd) * covariance[row][:, row] + np.outer(level, level))
     everywhere, label = np.ones_like(same), errors.press_label[row]
     for columns, together in (
         (errors.channel, same),
@@ -246,11 +255,8 @@ def test_what_is_left_is_compared_with_what_entered(kind, correlation):
     }[kind]
     if kind == "frame" and correlation:
         # What is white after the filter: only as loud as the noise makes it.
-        number = np.r_[
-            whitening.frame_number[0] - 1, whitening.frame_number, whitening.frame_number[-1] + 1
-        ]
-        precision = np.linalg.inv(correlation ** np.abs(np.subtract.outer(number, number)))
-        louder = np.sqrt(np.diag(precision)[1:-1])
+        precision = np.linalg.inv(whitening.spectrum.covariance(whitening.frame_number))
+        louder = np.sqrt(np.diag(precision))
         white = np.where(whitening.mask, getattr(whitening.errors, kind), 0.0) / whitening.sd
         assert np.allclose(entered, louder[:, None] * white)
     else:
@@ -358,7 +364,9 @@ def test_in_single_precision_the_same_is_left(correlation, lasting):
     frame, channel, press, linked = 30.0 * draw.normal(size=(4, 2, 45, 33))
     linked = 0.003 * linked[:lasting]
     errors = ErrorColumns(channel, frame, np.zeros((0, 45, 33)), press, label, linked)
-    whitening = Whitening(np.isfinite(voltage), sd, (error / sd) ** 2, correlation, errors)
+    whitening = Whitening(
+        np.isfinite(voltage), sd, (error / sd) ** 2, spectrum_of(correlation), errors=errors
+    )
     single = whitening.single_precision
     assert single is not whitening
     values = 1e3 * draw.normal(size=(3, 45, 33))

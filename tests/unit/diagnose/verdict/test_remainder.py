@@ -34,19 +34,21 @@ def test_no_p_value_makes_it_certain():
     assert probability(1.0) == pytest.approx(PRIOR)
 
 
-@pytest.mark.parametrize("catalogue_p", [1e-9, 1.0])
-def test_what_is_left_is_as_long_as_the_row_that_has_most(catalogue_p):
+def test_what_is_left_is_as_long_as_the_row_that_has_most():
     """Of which its own directions' share of chance, a unit each, is none; whatever its p."""
-    rows = [("constant: electrode", "3", 10.0, 1), ("press: any channel", "all", 61.0, 36)]
+    rows = [("constant: electrode", "3", 10.0, 1), ("touch signal: any channel", "all", 61.0, 36)]
     told = pd.DataFrame(
-        [(*row, 1.0, 1.0, "A sentence.") for row in [*rows, ("everything", "all", 900.0, 500)]],
+        [
+            (*row, 1.0, 1.0, 1.0, "A sentence.")
+            for row in [*rows, ("everything", "all", 900.0, 500)]
+        ],
         columns=COLUMNS,
     )
-    assert remainder(told, catalogue_p).snr == 5.0
-    assert remainder(told[told["statistic"] == "constant: electrode"], catalogue_p).snr == 3.0
-    assert remainder(told[told["statistic"] == "everything"], catalogue_p).snr == 0.0
+    assert remainder(told).snr == 5.0
+    assert remainder(told[told["statistic"] == "constant: electrode"]).snr == 3.0
+    assert remainder(told[told["statistic"] == "everything"]).snr == 0.0
     quiet = told.assign(value=told["dof"] / 2.0)
-    assert remainder(quiet, catalogue_p).snr == 0.0
+    assert remainder(quiet).snr == 0.0
 
 
 def test_readings_of_no_such_skin_are_said_to_be_none():

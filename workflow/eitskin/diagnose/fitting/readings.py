@@ -51,9 +51,7 @@ def problem_of(
     error = np.hypot(error, np.hypot(coherent * median, noise.rounding_sd))
     whitening = Whitening.from_readings(readings, noise.sd, model.difference, error)
     clock = recording.frames["frame"].to_numpy()
-    whitening = replace(
-        whitening, spectrum=noise.spectrum, wander=noise.wander, frame_number=clock
-    )
+    whitening = replace(whitening, spectrum=noise.spectrum, wander=noise.wander, frame_number=clock)
     return Problem(model, readings, whitening), Scales(median / model.factor, current)
 
 

@@ -174,9 +174,7 @@ def _hopeful_names(
     return hopeful
 
 
-def _with_absorbed(
-    search: Search, explanation: Explanation, listed: list[Score]
-) -> list[Score]:
+def _with_absorbed(search: Search, explanation: Explanation, listed: list[Score]) -> list[Score]:
     """The best scores of names that would be significant if what one of the rig's errors, or all of
     them, have taken to themselves were open, the best first, and the listed scores of other names:
     until sds are learned again, what is alike in all presses is the rig's too."""

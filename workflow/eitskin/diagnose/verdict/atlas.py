@@ -8,10 +8,10 @@ columns and the simulation, never from the residual. Rows overlap in any way, wi
 the false discovery rate is that of Benjamini & Yekutieli (Ann. Statist. 29, 2001), which needs no
 independence.
 
-What the covariance does not know of a rig makes such parts longer than it allows. So a part must
-also be longer than what repeats of it let expect, or its odd half: noise of any spectrum has as much
-of it in the odd half of reciprocity, where no skin has any. Neither test has need of a covariance.
-The p-value is the larger of that by the covariance and that without.
+What the covariance does not know of a rig makes such parts longer than it allows. `free_p` has no
+need of a covariance: a part must be longer than its scatter from press to press lets expect, or
+than its odd half does, for noise of any spectrum has as much of it in the odd half of reciprocity,
+where no skin has any.
 """
 
 from collections.abc import Iterator
@@ -35,13 +35,13 @@ FITTED_SHARE = (
 DEPENDENT_SHARE = 1e-12  # of squared lengths; directions that share more are one
 ZERO_LENGTH = 1e-12  # squared, of a direction that is none, in noise units
 LEAST_UNITS = 5  # fewer hardly show a scatter
-COLUMNS = ["statistic", "site", "value", "dof", "p", "q", "sentence"]
+COLUMNS = ["statistic", "site", "value", "dof", "p", "q", "free_p", "sentence"]
 
 
 def atlas(
     recording: Recording, residual: np.ndarray, simulated: np.ndarray, fitted: np.ndarray
 ) -> pd.DataFrame:
-    """One row a statistic and site: statistic, site, value, dof, p, q, sentence; by p.
+    """One row a statistic and site: statistic, site, value, dof, p, q, free_p, sentence; by p.
 
     residual, simulated (N, M): recording less simulation, and the simulation, both over the
     noise's sd; NaN where lost. fitted (N M, P): directions that were fitted, in the same units.
@@ -50,11 +50,11 @@ def atlas(
     """
     misfit = _Misfit(recording, residual, simulated, fitted)
     rows = [row for row in _rows(misfit) if row.dof > 0]
-    p = np.array([max(float(chi2.sf(row.value, row.dof)), row.free_p) for row in rows])
+    p = np.array([float(chi2.sf(row.value, row.dof)) for row in rows])
     q = false_discovery_control(p, method="by")
     table = pd.DataFrame(
         [
-            (row.statistic, row.site, row.value, row.dof, p[k], q[k], _sentence(row.claim, q[k]))
+            (*row.identity, row.value, row.dof, p[k], q[k], row.free_p, _sentence(row.claim, q[k]))
             for k, row in enumerate(rows)
         ],
         columns=COLUMNS,
@@ -70,6 +70,11 @@ class _Row:
     value: float
     dof: int
     free_p: float = 0.0
+
+    @property
+    def identity(self) -> tuple[str, str]:
+        """Statistic and site."""
+        return self.statistic, self.site
 
 
 @dataclass(frozen=True)
@@ -183,7 +188,9 @@ class _Misfit:
         if self.is_difference:
             centred = length - (laws.T @ field) ** 2 / self.count
             length = np.where(centred > FITTED_SHARE * length, centred, 0.0)
-        return [_Projection(products[j], shared[:, j], length[j], odd) for j in range(laws.shape[1])]
+        return [
+            _Projection(products[j], shared[:, j], length[j], odd) for j in range(laws.shape[1])
+        ]
 
 
 def _rows(misfit: _Misfit) -> Iterator[_Row]:

@@ -135,9 +135,7 @@ def assess(data: Data, outcome: Outcome, was_cut_short: bool) -> Diagnosis:
     )
 
 
-def _remainder(
-    search: Search, explanation: Explanation, residual_atlas: pd.DataFrame
-) -> Remainder:
+def _remainder(search: Search, explanation: Explanation, residual_atlas: pd.DataFrame) -> Remainder:
     """The remainder of an explanation, by the atlas of its residual."""
     if is_unlike(search, explanation):
         return unlike_remainder(likeness(search, explanation))

@@ -16,9 +16,6 @@ WEIGHT, LARGEST_LOG_FACTOR = 0.82, 5.0
 # What goes with time alone, or is in one press alone, a rig's ordinary errors do as well.
 PASSING = ("time", "order", "session", "press")
 DRIVERS = {  # of the statistics of the atlas
-    "time": "time",
-    "order": "time",
-    "session": "time",
     "dwell": "time",
     "force": "force",
     "touched": "force",
@@ -26,7 +23,6 @@ DRIVERS = {  # of the statistics of the atlas
     "touch signal": "force",
     "load direction": "load-direction",
     "position": "position",
-    "press": "position",
     "scan": "scan-order",
     "amplitude": "amplitude",
 }
@@ -78,11 +74,14 @@ def unlike_remainder(likeness: float) -> Remainder:
 def remainder(atlas: pd.DataFrame) -> Remainder:
     """What the atlas of the final residual shows.
 
-    The p-value of the remainder is that of the least p-value of the atlas's rows but the PASSING,
-    among n of them, 1 - (1 - p)^n: rows overlap, so that it is no less (Šidák 1967).
+    The p-value of a row is the larger of that by the covariance and that without. The p-value of
+    the remainder is that of the least one of the atlas's rows but the PASSING, among n of them,
+    1 - (1 - p)^n: rows overlap, so that it is no less (Šidák 1967).
     """
     statistics = atlas["statistic"].str.partition(":")[0]
-    rows = atlas[~statistics.isin(("everything", *PASSING))]
+    decisive = atlas[~statistics.isin(("everything", *PASSING))]
+    rows = decisive.assign(p=np.maximum(decisive["p"], decisive["free_p"]))
+    rows = rows.sort_values("p", kind="stable")
     smallest_p = float(rows["p"].min()) if len(rows) else 1.0
     p = float(-np.expm1(len(rows) * np.log1p(-min(smallest_p, 1.0 - 1e-16))))
     chance = probability(p)
@@ -95,7 +94,7 @@ def remainder(atlas: pd.DataFrame) -> Remainder:
     top = rows.iloc[0]
     statistic, _, field = top["statistic"].partition(": ")
     driver = DRIVERS.get(statistic, "static")
-    located = rows[rows["statistic"].str.contains(": (?:electrode|drive|measuring pair)$")]
+    located = decisive[decisive["statistic"].str.contains(": (?:electrode|drive|measuring pair)$")]
     best = located.iloc[0] if len(located) else None
     sites: dict[str, list[int]] = {"electrodes": [], "drives": [], "measures": []}
     if best is not None and best["q"] < DISCOVERY:
