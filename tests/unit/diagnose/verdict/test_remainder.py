@@ -38,10 +38,7 @@ def test_what_is_left_is_as_long_as_the_row_that_has_most():
     """Of which its own directions' share of chance, a unit each, is none; whatever its p."""
     rows = [("constant: electrode", "3", 10.0, 1), ("touch signal: any channel", "all", 61.0, 36)]
     told = pd.DataFrame(
-        [
-            (*row, 1.0, 1.0, 1.0, "A sentence.")
-            for row in [*rows, ("everything", "all", 900.0, 500)]
-        ],
+        [(*row, 1.0, 1.0, 1.0, "A.") for row in [*rows, ("everything", "all", 900.0, 500)]],
         columns=COLUMNS,
     )
     assert remainder(told).snr == 5.0

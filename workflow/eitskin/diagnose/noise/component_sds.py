@@ -77,8 +77,8 @@ def component_intervals(
     """The errors that a rig has, as in diagnosis.json: name, unit, sd, its 90 % interval (low,
     high), and whether it was learned; discrepancies are none of them.
 
-    unit: of the readings. noise: whose correlation from frame to frame is the first of the errors. Intervals
-    are of the logarithm of the variance, by the expected information.
+    unit: of the readings. noise: whose correlation from frame to frame is the first of the errors.
+    Intervals are of the logarithm of the variance, by the expected information.
     """
     intervals = []
     if noise is not None and noise.spectrum:

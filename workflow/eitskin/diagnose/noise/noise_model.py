@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from eitskin.diagnose.noise.spectrum import Spectrum
+from eitskin.diagnose.noise.spectrum import WHITE, Spectrum
 
 NORMAL_90 = 1.6449  # sd of a normal distribution, within which 90 % of it are
 
@@ -42,8 +42,8 @@ class NoiseModel:
     source: str
     rounding_sd: float = 0.0
     converter_step: float = 0.0
-    spectrum: Spectrum = Spectrum()
-    wander: Spectrum = Spectrum()
+    spectrum: Spectrum = WHITE
+    wander: Spectrum = WHITE
     drift: float = 0.0
     rejected_mask: np.ndarray | None = None
     loud_frames: tuple[int, ...] = ()

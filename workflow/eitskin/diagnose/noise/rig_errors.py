@@ -15,9 +15,8 @@ import numpy as np
 from eitskin.diagnose.noise.components import COMPONENTS, TouchComponent
 from eitskin.diagnose.noise.linearisation import Linearisation
 from eitskin.diagnose.noise.low_rank import press_indicator
-from eitskin.diagnose.noise.spectrum import Spectrum
+from eitskin.diagnose.noise.spectrum import WHITE
 from eitskin.diagnose.noise.whitening import ErrorColumns, Whitening
-
 
 FREE = 10.0  # times an error's sd, at which a hundredth of its size is expected to be there
 
@@ -222,7 +221,7 @@ class RigErrors:
             self.noise_whitening,
             sd=np.sqrt(variance),
             offset_ratio=np.zeros_like(self.noise_whitening.offset_ratio),
-            spectrum=Spectrum(),
+            spectrum=WHITE,
             errors=ErrorColumns(empty, np.concatenate([empty, *common_mode]), empty),
         )
 

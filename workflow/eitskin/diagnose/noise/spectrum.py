@@ -6,7 +6,7 @@ import numpy as np
 
 WAVES_SHARE, MOST_WAVES = 0.97, 24  # of a slow process' variance, that so many waves hold at most
 # Frames that noise may last for a filter to follow it. Beyond, it would carry what is off in a
-# press into the presses after it; waves are used where they leave so little of the noise's variance.
+# press into the presses after it; waves are used where they leave so little of the variance.
 FOLLOWED, NEGLIGIBLE = 10.0, 0.02
 
 
@@ -86,3 +86,6 @@ class Spectrum:
         held = np.cumsum(eigenvalues) / eigenvalues.sum()
         count = min(int(np.searchsorted(held, WAVES_SHARE)) + 1, MOST_WAVES)
         return (eigenvectors[:, :count] * np.sqrt(eigenvalues[:count])).T
+
+
+WHITE = Spectrum()

@@ -17,7 +17,7 @@ from scipy.special import expit, logit
 from scipy.stats import chi2
 
 from eitskin.diagnose.noise.estimate import ALPHA
-from eitskin.diagnose.noise.spectrum import Spectrum
+from eitskin.diagnose.noise.spectrum import WHITE, Spectrum
 
 # Starts of a search: of a process its correlation from frame to frame and its share of the noise
 # beside the drift. Between neighbours the likelihood has one maximum.
@@ -37,7 +37,7 @@ LEAST_VARIANCE = 1e-300  # keeps a logarithm finite
 class TemporalCorrelation(NamedTuple):
     """Of noise: its spectrum, and the sd of a random walk at the end, in units of the noise."""
 
-    spectrum: Spectrum = Spectrum()
+    spectrum: Spectrum = WHITE
     drift: float = 0.0
 
 

@@ -22,7 +22,7 @@ from eitskin.diagnose.noise.low_rank import (
     ProjectionFactor,
     in_batches,
 )
-from eitskin.diagnose.noise.spectrum import Spectrum
+from eitskin.diagnose.noise.spectrum import WHITE, Spectrum
 
 # Error of a simulation that is the same in every frame, of the median |v|: what two exact solvers
 # of one model differ by.
@@ -65,17 +65,18 @@ class Whitening:
 
     mask (N, M): True where there is a reading. sd (M,): of each channel's noise. offset_ratio (M,):
     variance of an error of each channel that is the same in all frames, over that of its noise;
-    infinite where values are differences from one baseline, whose constant is free. spectrum: of the
-    noise, over frames of ascending frame_number (N,), or else in a row; wander: of what is slower and
-    no part of this covariance, unless `errors` have it. errors: of the rig. Those of a frame count as independent from frame to frame in what is
-    whitened in time already; those of a channel as they are in what frames and presses have left.
+    infinite where values are differences from one baseline, whose constant is free. spectrum: of
+    the noise, over frames of ascending frame_number (N,), or else in a row; wander: of what is
+    slower and no part of this covariance, unless `errors` have it. errors: of the rig. Those of a
+    frame count as independent from frame to frame in what is whitened in time already; those of a
+    channel as they are in what frames and presses have left.
     """
 
     mask: np.ndarray
     sd: np.ndarray
     offset_ratio: np.ndarray
-    spectrum: Spectrum = Spectrum()
-    wander: Spectrum = Spectrum()
+    spectrum: Spectrum = WHITE
+    wander: Spectrum = WHITE
     errors: ErrorColumns | None = field(default=None, repr=False)
     frame_number: np.ndarray | None = field(default=None, repr=False)
 

@@ -25,7 +25,7 @@ from eitskin.diagnose.search.gates import (
     SURPRISE,
 )
 from eitskin.diagnose.search.journal import Refusal
-from eitskin.diagnose.search.prediction import cost_for, is_gross, is_unlike
+from eitskin.diagnose.search.prediction import cost_for, is_gross
 from eitskin.diagnose.search.refits import in_processes, linearised, rough, with_effect
 from eitskin.diagnose.search.screen import (
     Score,
@@ -184,7 +184,7 @@ def _with_absorbed(search: Search, explanation: Explanation, listed: list[Score]
         for name, sd in explanation.error_sds.items()
         if sd > 0.0 and not COMPONENTS[name].discrepancy
     ]
-    left_out = [(name,) for name in names]
+    left_out: list[tuple[str, ...]] = [(name,) for name in names]
     if len(names) > 1:
         left_out.append(tuple(names))
     for components in left_out:
