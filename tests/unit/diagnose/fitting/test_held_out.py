@@ -23,6 +23,7 @@ from eitskin.diagnose.fitting.held_out import (
     reciprocal_groups,
 )
 from eitskin.diagnose.fitting.reserve import Reserve
+from eitskin.diagnose.noise.refinement import refine_noise
 from eitskin.diagnose.search import refits, staging
 from eitskin.physics.protocol import reciprocal_channels
 from small_skin import CHANNELS, METADATA, candidates_of, problem_of, small_recording, states
@@ -92,8 +93,11 @@ def test_no_search_sees_what_is_put_aside():
     assert np.isnan(search.problem.readings[kept]).all()
     # Nor does anything that it begins with depend on it, outliers included.
     spiked = 1.003 * recorded.voltage
-    spiked[np.flatnonzero(kept.any(axis=1))[1]] *= 1.5
+    loud = np.flatnonzero(kept.any(axis=1))[1]
+    spiked[loud] *= 1.0 + 0.1 * np.random.default_rng(1).normal(size=kept.shape[1])
     other = replace(recorded, voltage=np.where(kept, spiked, recorded.voltage))
+    simulated = refits.calibrated(search)[1].fit.voltage()
+    assert loud in refine_noise(other, noise, simulated).loud_frames
     again, same, _ = staging.prepared(other, 3)
     assert np.array_equal(again.sd, noise.sd) and again.loud_frames == noise.loud_frames
     assert again.spike_count == noise.spike_count
