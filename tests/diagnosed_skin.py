@@ -91,7 +91,7 @@ def diagnosed(folder: Path, kind: str = "explained") -> tuple[Path, Path]:
     noise_V = np.full(len(CHANNELS), NOISE * np.median(np.abs(clean)))
     recorded = clean + noise_V * draw.normal(size=clean.shape)
     recorded[3, 17] = np.nan
-    held_out = (press >= 0) & (press % 4 == 0)
+    last = (press >= 0) & (press % 4 == 0)
     before, after = voltage([]), voltage(named.get(kind, []))
     metadata = simulated_metadata(SKIN, CHANNELS)
     path = folder / "recording.parquet"
@@ -108,8 +108,8 @@ def diagnosed(folder: Path, kind: str = "explained") -> tuple[Path, Path]:
         noise_source="the odd half of reciprocal pairs, and repeats of untouched frames",
         noise_dof=412.0,
         channels=CHANNELS,
-        held_out=held_out.astype(int),
-        held_out_channels=np.isin(CHANNELS[:, 0], (3, 11)) & (kind == "untouched"),
+        last=last.astype(int),
+        last_channels=np.isin(CHANNELS[:, 0], (3, 11)) & (kind == "untouched"),
         **{
             name: frames[name]
             for name in ("time_s", "touch", "x_mm", "y_mm", "force_N", "probe_mm")
@@ -125,6 +125,12 @@ def diagnosed(folder: Path, kind: str = "explained") -> tuple[Path, Path]:
         _atlas(residual).to_csv(evidence / f"atlas_{name}.csv", index=False)
     effects = [_contact_effect()] if kind in named else []
     rms = [float(np.sqrt(np.nanmean(residuals[name] ** 2))) for name in ("before", "after")]
+    scores = {
+        "chi2_per_dof_before": rms[0] ** 2,
+        "chi2_per_dof_after": rms[1] ** 2,
+        "rms_before_V": rms[0] * noise_V[0],
+        "rms_after_V": rms[1] * noise_V[0],
+    }
     result = {
         "format": "eit-diagnosis",
         "version": 1,
@@ -136,13 +142,12 @@ def diagnosed(folder: Path, kind: str = "explained") -> tuple[Path, Path]:
         "other": _other(kind),
         "unobservable": ["frame-skew", "mains-interference"],
         "fit": {
-            "held_out": {
-                "frames": int(held_out.sum()) or len(frames),
-                "chi2_per_dof_before": rms[0] ** 2,
-                "chi2_per_dof_after": rms[1] ** 2,
-                "rms_before_V": rms[0] * noise_V[0],
-                "rms_after_V": rms[1] * noise_V[0],
-            }
+            "held_out": {"frames": len(frames) - int(last.sum()), **scores},
+            "last": {
+                "frames": int(last.sum()) or len(frames),
+                **scores,
+                "chi2_per_dof_before_own_sizes": scores["chi2_per_dof_before"],
+            },
         },
     }
     _write_json(folder / "diagnosis.json", result)
@@ -166,9 +171,10 @@ def with_rig(folder: Path) -> None:
         effect["certain"] = False
         effect["sentence"] = effect_sentence(effect, EFFECTS[effect["name"]])
         said["verdict"] = "partly-explained"
-    fit = said["fit"]["held_out"]
-    for key in ("before", "after"):
-        fit[f"white_chi2_per_dof_{key}"] = 3.0 * fit[f"chi2_per_dof_{key}"]
+    for scores in said["fit"].values():
+        for key in ("before", "after"):
+            scores[f"white_chi2_per_dof_{key}"] = 3.0 * scores[f"chi2_per_dof_{key}"]
+    said["fit"]["last"]["chi2_per_dof_before_own_sizes"] /= 2.0
     _write_json(path, said)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from eitskin.atomic import atomic_path
+from eitskin.diagnose.verdict.words import last_scores
 from eitskin.effects import EFFECTS
 from proof import measures, p_value_score, prediction_score, rig_sizes
 from proof.blocks import sort_of, trials
@@ -56,7 +57,7 @@ def _closed(row: dict) -> float:
 
 
 def _held_out(key: str, row: dict) -> float:
-    return row["said"]["fit"]["held_out"][key]
+    return last_scores(row["said"])[key]
 
 
 def _rig_sizes_within(rows: Rows) -> dict:

@@ -16,7 +16,7 @@ DIAGNOSIS_FIGURES = {
     "misfit_force": "misfit against force",
     "misfit_time": "misfit against time",
     "misfit_place": "misfit over the skin",
-    "held_out": "held-out misfit",
+    "last": "misfit of what decided nothing",
     "rivals": "knock-out and rivals",
     "next_experiment": "next experiment",
 }

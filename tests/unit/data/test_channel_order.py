@@ -4,7 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eitskin.data.alignment import homogeneous_readings, sensitivity
-from eitskin.data.channel_order import known_orders, misfit, reordered
+from eitskin.data.channel_order import Misfit, known_orders, misfit, reordered
+from eitskin.data.check.finding import ERROR, FACT, WARNING
+from eitskin.data.check.wiring import Order
 from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import channel_table
 
@@ -79,3 +81,27 @@ def test_readings_are_put_back_into_the_tables_order():
     readings = skin_readings(channels, 16)
     for permutation in known_orders(channels, 16).values():
         np.testing.assert_array_equal(reordered(readings[:, permutation], permutation), readings)
+
+
+@pytest.mark.parametrize(
+    ("reciprocity", "best", "severity"),
+    [
+        (0.06, 0.02, FACT),
+        (0.25, 0.2, FACT),
+        (0.26, 0.2, ERROR),
+        (0.9, 0.8, ERROR),
+        (0.12, 0.039, ERROR),
+        (0.12, 0.041, FACT),
+        (0.09, 0.001, FACT),
+    ],
+)
+def test_readings_that_are_not_in_their_tables_order_are_refused(reciprocity, best, severity):
+    """By what they break, or by another order that fits three times better."""
+    order = Order(Misfit(reciprocity, None, None), best, ["some"])
+    assert order.severity == severity
+    assert order.is_wrong == (severity == ERROR and best < reciprocity / 3)
+
+
+def test_weaker_identities_that_are_broken_are_a_warning():
+    assert Order(Misfit(None, 0.3, 0.3), 0.25, ["some"]).severity == WARNING
+    assert Order(Misfit(None, 0.3, 0.3), 0.05, ["some"]).severity == ERROR

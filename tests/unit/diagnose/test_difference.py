@@ -13,7 +13,8 @@ from eitskin.data import recording
 from eitskin.data.importers.description import describe
 from eitskin.data.recording import Recording, frames_table
 from eitskin.diagnose.compare import faults
-from eitskin.diagnose.compare.difference import difference
+from eitskin.diagnose.compare.difference import Finding, difference
+from eitskin.diagnose.compare.evidence import Explanation
 from eitskin.diagnose.compare.potentials import Potentials
 from eitskin.diagnose.compare.result import comparison
 from eitskin.diagnose.compare.wander import wander
@@ -62,6 +63,19 @@ def session(seed: int, channels: np.ndarray = ADJACENT, count: int = 30, **chang
     return Recording(
         still, np.abs(readings) if kind == "magnitude" else readings, None, None, metadata
     )
+
+
+def explained(evidence: float) -> Explanation:
+    """One fault with its evidence."""
+    return Explanation((faults.Signature("offset", "channels", (3,), np.ones((4, 1))),), evidence)
+
+
+def test_a_fault_is_named_from_ten_nats_above_the_best_at_another_site():
+    for margin, is_named in ((2.5, False), (9.9, False), (10.0, True)):
+        rival = explained(100.0 - margin)
+        finding = Finding(explained(100.0), rival, (), 0, np.ones(4), 1.0)
+        assert finding.named == is_named
+    assert Finding(explained(100.0), None, (), 0, np.ones(4), 1.0).named
 
 
 def named(control: Recording, later: Recording) -> list[tuple]:

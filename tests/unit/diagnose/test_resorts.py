@@ -13,7 +13,7 @@ from eitskin.diagnose.fitting.fit import FitLimits, fit
 from eitskin.diagnose.search import growth, last_resorts, prediction, refits, staging
 from eitskin.diagnose.search.gates import SIZE
 from eitskin.diagnose.search.starting_point import StartingPoint
-from eitskin.diagnose.verdict import conclusion
+from eitskin.diagnose.verdict import certainty, conclusion
 from shared_data import shared_data
 from small_skin import candidates_of, problem_of, small_recording
 
@@ -70,7 +70,9 @@ def test_a_source_against_ground_is_named_with_its_sizes_and_never_certain():
     assert [c.name for c in found.explanation.effects] == ["ground-return", "common-mode"]
     assert first.values["siemens"] == pytest.approx(SIEMENS, rel=0.02)
     assert second.values["ratio"] == pytest.approx(RATIO, rel=0.02)
-    assert found.reserve.p_value(found.explanation.fit, found.noise.dof) == 0.0
+    assert certainty.held_out_p(found) == 0.0
+    for index in range(2):
+        assert not certainty.is_certain(certainty.certainty(found, index))
 
 
 def test_what_is_not_borne_out_leaves_nothing_of_its_noise(monkeypatch):

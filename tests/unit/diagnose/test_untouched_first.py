@@ -74,5 +74,5 @@ def test_a_pressed_skin_of_the_witness_is_named_with_its_size():
     values = found.explanation.fit.settings()[0].values
     for key in ("harmonic", "amplitude", "phase_deg"):
         assert values[key] == pytest.approx(true["parameters"][key], rel=0.02)
-    gain, error = found.reserve.gain(found.explanation.fit, found.baseline.fit)
+    gain, error = found.prediction.gain(found.prediction_by(found.baseline))
     assert gain > 2.0 * error

@@ -6,9 +6,11 @@ from threadpoolctl import threadpool_limits
 
 from eitskin.data.recording import Recording, voltages
 from eitskin.diagnose.fitting.excerpt import LIMIT_GIB, excerpt
+from eitskin.diagnose.fitting.held_out import error_units
 from eitskin.diagnose.fitting.memory import frame_limit
 from eitskin.diagnose.search.journal import Journal
-from eitskin.diagnose.search.staging import prepared, pruned_by_reserve, searched
+from eitskin.diagnose.search.pruning import pruned
+from eitskin.diagnose.search.staging import prepared, searched
 from eitskin.diagnose.verdict.diagnosis import Data, Diagnosis, assess
 from eitskin.effects.effect import Setting
 from eitskin.physics import outline
@@ -55,8 +57,6 @@ def _diagnosed(
     if len(recording.frames) < count:
         report(f"an excerpt: {len(recording.frames)} of {count} frames")
     noise, search, reserve_mask = prepared(recording, seed, report, journal)
-    problem = search.problem
     outcome, was_cut_short = searched(recording, search, seed, earlier)
-    outcome, reserve = pruned_by_reserve(outcome, problem, recording, noise, reserve_mask)
-    data = Data(recording, noise, reserve, reserve_mask, problem.whitening)
-    return assess(data, outcome, was_cut_short)
+    outcome = pruned(outcome, error_units(recording), noise.dof)
+    return assess(Data(recording, noise, reserve_mask, search.problem), outcome, was_cut_short)

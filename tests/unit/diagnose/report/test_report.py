@@ -189,10 +189,10 @@ def test_which_frames_took_no_part_is_told(written):
 
 def test_what_was_put_aside_is_told(written, rig):
     frames = read(written["explained"], *_rest(written["explained"])).frames
-    count = frames["held_out"].sum()
+    count = frames["last"].sum()
     assert 0 < count < len(frames)
     text = Page(page_of(written, "explained")).text
-    assert f"On {count} frames held out, the misfit" in text
+    assert f"On {count} frames that decided nothing, the misfit" in text
     assert f"{count} frames were put aside before anything was looked at" in text
     text = Page(page_of(written, "untouched")).text
     assert "26 of 208 channels were put aside before anything was looked at" in text
@@ -201,14 +201,23 @@ def test_what_was_put_aside_is_told(written, rig):
     assert "against white noise alone" in text
 
 
+def test_before_stands_with_its_own_sizes_beside(written, rig):
+    text = Page((rig / "report.html").read_text(encoding="utf-8")).text
+    fit = read(rig, *_rest(rig)).diagnosis["fit"]["last"]
+    own = number(fit["chi2_per_dof_before_own_sizes"])
+    assert f"({own} with the rig's errors as learned before) to" in text
+    assert f"in the sizes learned before, the misfit before is {own}." in text
+    assert "as learned before" not in Page(page_of(written, "explained")).text
+
+
 def test_hollow_dots_are_against_white_noise(written, rig):
     for folder, factors in ((written["partly-explained"], [1, 1]), (rig, [1, 1, 3, 3])):
         evidence = read(folder, *_rest(folder))
-        fit = evidence.diagnosis["fit"]["held_out"]
+        fit = evidence.diagnosis["fit"]["last"]
         after, before = fit["chi2_per_dof_after"], fit["chi2_per_dof_before"]
         dots = [
             float(line.get_xdata()[0])
-            for line in figures.draw(evidence)["held_out"].axes[0].lines
+            for line in figures.draw(evidence)["last"].axes[0].lines
             if line.get_marker() in plotting.MARKERS
         ]
         expected = np.array(factors) * ([before, after] * 2)[: len(factors)]
@@ -221,12 +230,16 @@ def test_folders_of_an_earlier_version_are_read(tmp_path):
     path = folder / "evidence" / "residuals.npz"
     with np.load(path) as file:
         arrays = dict(file)
-    for name in ("held_out_channels", "changes", "changed_frame"):
+    last = arrays.pop("last")
+    for name in ("last_channels", "changes", "changed_frame"):
         del arrays[name]
-    np.savez(path, **arrays | {"held_out": np.zeros_like(arrays["held_out"])})
+    np.savez(path, **arrays, held_out=last)
+    assert read(folder, *_rest(folder)).frames["last"].sum() == last.sum()
+    np.savez(path, **arrays, held_out=np.zeros_like(last))
     evidence = read(folder, *_rest(folder))
-    assert not evidence.held_out_channels.any() and len(evidence.held_out_channels) == 208
-    assert "put aside" not in Page(rewritten(folder)).text
+    assert not evidence.last_channels.any() and len(evidence.last_channels) == 208
+    text = Page(rewritten(folder)).text
+    assert "put aside" not in text and "frames held out in turn" in text
 
 
 def test_figures_are_drawn_or_their_absence_told(written):

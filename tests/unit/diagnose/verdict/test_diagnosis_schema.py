@@ -117,7 +117,7 @@ def test_every_key_is_needed_and_no_other_is_known(valid):
         for part in path[:-1]:
             node = node[part]
         del node[path[-1]]
-        assert not BY_SCHEMA.is_valid(missing), path
+        assert BY_SCHEMA.is_valid(missing) == (path == ("fit", "last")), path
 
         extra = copy.deepcopy(valid["explained"])
         node = extra
@@ -281,6 +281,12 @@ def test_what_explains_is_certain(valid):
 def test_white_chi2_is_told_before_and_after(additional):
     del additional["fit"]["held_out"]["white_chi2_per_dof_before"]
     refused(additional, "fit.held_out")
+
+
+def test_the_own_sizes_before_are_told_of_the_last_set_alone(valid):
+    assert "chi2_per_dof_before_own_sizes" in valid["explained"]["fit"]["last"]
+    at = ("fit", "held_out", "chi2_per_dof_before_own_sizes")
+    refused(changed(valid["explained"], at, 1.0), "fit.held_out")
 
 
 @pytest.mark.parametrize("keys", [[], ["cubic", "limit_V"]])

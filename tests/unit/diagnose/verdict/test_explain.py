@@ -121,9 +121,9 @@ def test_a_candidate_among_the_effects_is_said_to_be_one_with_its_reasons():
     effects = [{"name": "offset", "certain": False}]
     (sentence,) = refusals.sentences(table, {"effects": effects}, "offset")
     assert sentence == (
-        "offset is named as a candidate: its signature is 2 noise units long; it is certain from 3"
-        " on; what has no name exceeds the gap to the nearest other name by as much:"
-        f" {MINUS}1.50."
+        "offset is named as a candidate: beyond what the calibrations can do its signature is 2"
+        " noise units long; it is certain from 3 on; what has no name exceeds the gap to"
+        f" the nearest other name by as much: {MINUS}1.50."
     )
     (sentence,) = refusals.sentences(table, {"effects": [{"name": "offset"}]}, "offset")
     assert sentence == "offset is named, and certain."

@@ -1,16 +1,24 @@
 """Predictive density of readings that a fit has not seen: whole presses, or whole channels.
 
-There are two kinds. The reserve is drawn before anything is looked at, and no search sees it: it
-compares the explanation before with the one after. The other readings are split into folds for
-cross-validation, by which the search decides what it admits.
+There are two kinds. The reserve is drawn before anything is looked at and read after the last
+decision: it decides nothing. The other readings are split into folds for cross-validation, by which
+everything is decided.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import f
 
 from eitskin.data.recording import TOUCH_KEYS, Recording, presses
-from eitskin.diagnose.fitting.fit import MAX_STEP, OPTIMUM_TOLERANCE, Fit, inverse_root
+from eitskin.diagnose.fitting.fit import (
+    DAMPING_UP,
+    MAX_STEP,
+    MIN_REJECTED_DAMPING,
+    OPTIMUM_TOLERANCE,
+    Fit,
+    inverse_root,
+)
 from eitskin.errors import InputError
 from eitskin.physics.protocol import tied_channels
 
@@ -119,7 +127,33 @@ class HeldOut:
         )
 
 
-def held_out(fit: Fit, fold: np.ndarray) -> HeldOut:
+@dataclass(frozen=True)
+class CrossValidation(HeldOut):
+    """Readings predicted in turn, each fold by a fit to the others.
+
+    predictive_chi2: sum over the folds of the squared error in the covariance of its prediction,
+    that of the readings and of the coordinates fitted to the others, for a fit that is linear in
+    its coordinates and at its optimum; predictive_dof: degrees of freedom of the chi squared
+    distribution that, scaled to the mean `reading_count`, has the variance of this sum.
+    """
+
+    predictive_chi2: float
+    predictive_dof: float
+
+    def p_value(self, noise_dof: float) -> float:
+        """Probability of a `predictive_chi2` at least as large, if the fit is right.
+
+        noise_dof: degrees of freedom of the noise's scale. The covariance of the readings must hold
+        no discrepancy, with which any misfit is probable. Two approximations: the fit is taken as
+        linear; and the sum, whose terms have chi squared distributions but correlate, as every
+        reading is both predicted and fitted, as having the one that its mean and variance suggest,
+        so that its ratio to the noise's scale has Fisher's.
+        """
+        ratio = self.predictive_chi2 / max(self.reading_count, 1)
+        return float(f.sf(ratio, self.predictive_dof, max(noise_dof, 1.0)))
+
+
+def held_out(fit: Fit, fold: np.ndarray) -> CrossValidation:
     """Cross-validation: every frame predicted by a fit to the other folds (N,), or every channel by
     one to the other folds (1, M).
 
@@ -133,14 +167,21 @@ def held_out(fit: Fit, fold: np.ndarray) -> HeldOut:
     log_density, chi2 = np.zeros(len(label)), np.zeros(len(label))
     error, plain_error = np.zeros((2, *(fit.residual.T if by_channel else fit.residual).shape))
     whitening = fit.problem.whitening
+    predictive_chi2, precisions = 0.0, []
     for fold_label in np.unique(label):
         rows = label == fold_label
         jacobian = (
             fit.slopes.full(rows) if jacobian_by_channel is None else jacobian_by_channel[:, rows]
         )
         fold_columns = jacobian.reshape(size, -1)
-        root = inverse_root(total - fold_columns @ fold_columns.T + RIDGE * np.diag(np.diag(total)))
-        residual = _refitted(fit, rows[None] if by_channel else rows[:, None], root)
+        information = fold_columns @ fold_columns.T
+        precision = total - information + RIDGE * np.diag(np.diag(total))
+        root = inverse_root(precision)
+        residual = _refitted(fit, rows[None] if by_channel else rows[:, None], precision)
+        fold_residual = (fit.residual.T if by_channel else fit.residual)[rows]
+        deleted_slope = root.T @ (fold_columns @ fold_residual.ravel())
+        predictive_chi2 += (fold_residual**2).sum() + deleted_slope @ deleted_slope
+        precisions.append(information + information @ root @ root.T @ information)
         fold_error = (residual.T if by_channel else residual)[rows]
         plain_residual = whitening.unwhitened(residual)
         plain_error[rows] = (plain_residual.T if by_channel else plain_residual)[rows]
@@ -153,32 +194,77 @@ def held_out(fit: Fit, fold: np.ndarray) -> HeldOut:
         log_density[rows] = -0.5 * (
             chi2[rows] - (slope * solution).sum(axis=1) + np.linalg.slogdet(gram)[1]
         )
-    plain_error = plain_error.T if by_channel else plain_error
-    return HeldOut(chi2, log_density, error, plain_error, whitening.size)
+    return CrossValidation(
+        chi2,
+        log_density,
+        error,
+        plain_error.T if by_channel else plain_error,
+        whitening.size,
+        float(predictive_chi2),
+        _predictive_dof(whitening.size, precisions, fit.covariance),
+    )
 
 
-def _refitted(fit: Fit, held_out_mask: np.ndarray, root: np.ndarray) -> np.ndarray:
+def _predictive_dof(count: int, precisions: list[np.ndarray], covariance: np.ndarray) -> float:
+    """`predictive_dof` of a linear fit to `count` readings; covariance (P, P): of its coordinates;
+    precisions: of every fold, G + G C G (P, P) with its information G and the covariance C of the
+    coordinates without it.
+
+    Errors of folds k and l correlate by minus the product of their slopes with the covariance of
+    the coordinates, so that the variance of the sum is 2 (count + sum of tr(K_k S K_l S) over
+    pairs), K these precisions and S the covariance.
+    """
+    scaled = [precision @ covariance for precision in precisions]
+    total = np.sum(scaled, axis=0)
+    shared = np.sum(total * total.T) - sum(np.sum(matrix * matrix.T) for matrix in scaled)
+    return float(count / (1.0 + max(shared, 0.0) / max(count, 1)))
+
+
+def _refitted(fit: Fit, held_out_mask: np.ndarray, precision: np.ndarray) -> np.ndarray:
     """(N, M): the residual of a fit to all readings but those of a mask, (N, 1) or (1, M), by steps
-    of Gauss and Newton with the slopes of the whole fit; root (P, P): of the covariance of theta
-    without these readings."""
+    of Gauss and Newton, damped by Marquardt's method where these fail, with the slopes of the whole
+    fit; precision (P, P): of theta without these readings."""
     theta, residual, prior = fit.theta, fit.residual, fit.prior
     cost = float((np.where(held_out_mask, 0.0, residual) ** 2).sum() + prior @ theta**2)
+    root, damping = inverse_root(precision), 0.0
     for _ in range(MAX_REFIT_STEPS):
         slope = fit.slopes.products_with(np.where(held_out_mask, 0.0, residual)) - prior * theta
         step = np.clip(root @ (root.T @ slope), -MAX_STEP, MAX_STEP)
         if step @ slope < OPTIMUM_TOLERANCE:
             break
+        trial_theta = theta + step
         try:
-            trial_residual = fit.problem.residual(theta + step, fit.effects)
+            trial_residual = fit.problem.residual(trial_theta, fit.effects)
+            trial_cost = float(
+                (np.where(held_out_mask, 0.0, trial_residual) ** 2).sum() + prior @ trial_theta**2
+            )
         except InputError:
-            break
-        trial_cost = float(
-            (np.where(held_out_mask, 0.0, trial_residual) ** 2).sum() + prior @ (theta + step) ** 2
-        )
-        if trial_cost >= cost:
-            break
-        theta, residual, cost = theta + step, trial_residual, trial_cost
+            trial_cost = np.inf
+        if trial_cost < cost:
+            theta, residual, cost = trial_theta, trial_residual, trial_cost
+            continue
+        damping = max(damping * DAMPING_UP, MIN_REJECTED_DAMPING)
+        root = inverse_root(precision + damping * np.diag(np.diag(precision)))
     return residual
+
+
+def gain_over_presses(
+    prediction: HeldOut, baseline: HeldOut, units: np.ndarray, pressed: np.ndarray
+) -> float:
+    """Gain of log density of a prediction over a baseline, less its standard error by the scatter
+    over presses, in nats.
+
+    units (N,) int: the press with which a frame counts (`error_units`); pressed (N,) bool: frames
+    of touches whose state is known, by which presses count. The gain is negative where some presses
+    lose what others gain, and 0 where one press has all of it: the next press may go either way.
+    Infinite with fewer than two presses: folds are of channels or of stretches of time then.
+    """
+    presses = np.unique(units[pressed])
+    if len(presses) < 2:
+        return np.inf
+    frame_gain = prediction.log_density - baseline.log_density
+    gain = np.array([frame_gain[units == press].sum() for press in presses])
+    return float(gain.sum() - np.sqrt(len(gain) * gain.var(ddof=1)))
 
 
 def predict_unseen(fit: Fit) -> HeldOut:

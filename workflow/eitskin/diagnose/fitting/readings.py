@@ -8,6 +8,7 @@ import numpy as np
 from eitskin.data.recording import Recording
 from eitskin.diagnose.fitting.candidates import Scales
 from eitskin.diagnose.fitting.fit import Problem, fit
+from eitskin.diagnose.fitting.reserve_outliers import reserve_outliers
 from eitskin.diagnose.fitting.simulator import RecordingSimulator
 from eitskin.diagnose.noise.estimate import estimate_noise
 from eitskin.diagnose.noise.noise_model import NoiseModel
@@ -75,7 +76,8 @@ def noise_and_problem(
 
     The noise is first estimated from the readings alone, then from the residuals of the calibrated
     simulation. Channels of which the reserve has all get the noise of their simulated level. Loud
-    frames and spikes are sought in the whole recording.
+    frames and spikes are sought outside the reserve: of the reserve, only readings of a frame that
+    is loud in the others are rejected.
     """
     fitted = replace(recording, voltage=np.where(reserve_mask, np.nan, recording.readings))
     rough_noise = estimate_noise(fitted)
@@ -89,24 +91,18 @@ def noise_and_problem(
         level = np.abs(calibrated[~model.touched].mean(axis=0))
         rough_noise = rough_noise.with_simulated_level(reserved_channels, level)
     noise = refine_noise(fitted, rough_noise, simulated)
-    whole = refine_noise(recording, rough_noise, simulated)
-    noise = replace(
-        noise,
-        rejected_mask=whole.rejected_mask,
-        loud_frames=whole.loud_frames,
-        spike_count=whole.spike_count,
-    )
     return noise, problem_of(fitted, noise, model)[0], scales
 
 
 def reserve_problem(
     problem: Problem, recording: Recording, noise: NoiseModel, reserve_mask: np.ndarray
-) -> Problem:
-    """The problem of the reserve's readings (N, M), with the noise of the others; the problem
-    itself, where there is no reserve."""
+) -> Problem | None:
+    """The problem of the reserve's readings (N, M) less the `reserve_outliers`, with the noise of
+    the others; None where there are none."""
     comparable = comparable_readings(recording, noise, problem.model)
-    readings = np.where(reserve_mask, comparable, np.nan)
+    outliers = reserve_outliers(recording, reserve_mask, noise.rejected_mask)
+    readings = np.where(reserve_mask & ~outliers, comparable, np.nan)
     white = replace(problem.whitening, mask=np.isfinite(readings))
     if white.size <= 0:
-        return problem
+        return None
     return replace(problem, readings=readings, whitening=white)

@@ -16,6 +16,7 @@ from eitskin.diagnose.verdict.words import (
     bound_sentences,
     headline,
     is_certain,
+    last_scores,
     place_text,
     range_text,
     repair_advice,
@@ -56,16 +57,21 @@ def answer(evidence: Evidence, change_drawings: list[str]) -> str:
     change_drawings: what each effect changes, as SVG, "" where it has no picture.
     """
     diagnosis = evidence.diagnosis
-    scores = diagnosis["fit"]["held_out"]
+    scores = last_scores(diagnosis)
     parts = [f"<h1>{headline(diagnosis)}</h1>"]
     before, after = (
         f"<span class='{key}'>{number(scores[f'chi2_per_dof_{key}'])}</span>"
         for key in ("before", "after")
     )
-    change = f"goes from {before} to {after}" if diagnosis["effects"] else f"is {before}"
+    change = f"is {before}"
+    if diagnosis["effects"]:
+        own = own_sizes_misfit(evidence)
+        aside = "" if own is None else f" ({number(own)} with the rig's errors as learned before)"
+        change = f"goes from {before}{aside} to {after}"
+    role = "that decided nothing" if evidence.has_last else "held out in turn"
     parts.append(
-        f"<p>On {held_out_amount(evidence)} held out, the misfit (χ² per degree of freedom)"
-        f" {change}; {expected_misfit(evidence)}.</p>"
+        f"<p>On {last_amount(evidence)} {role}, the misfit (χ² per degree of freedom) {change};"
+        f" {expected_misfit(evidence)}.</p>"
     )
     parts += [f"<p>{sentence}</p>" for sentence in omitted_frames(evidence)]
     if not NOTHING_UNNAMED.admits(diagnosis["other"]["probability"]):
@@ -98,12 +104,21 @@ def answer(evidence: Evidence, change_drawings: list[str]) -> str:
     return "\n".join(parts)
 
 
-def held_out_amount(evidence: Evidence) -> str:
-    """How many frames or channels were held out, as a noun."""
-    channels = evidence.held_out_channels
+def last_amount(evidence: Evidence) -> str:
+    """How many frames or channels were put aside, as a noun; where none were, how many were held
+    out."""
+    channels = evidence.last_channels
     if channels.any():
         return f"{channels.sum()} of {len(channels)} channels"
-    return f"{evidence.diagnosis['fit']['held_out']['frames']} frames"
+    return f"{last_scores(evidence.diagnosis)['frames']} frames"
+
+
+def own_sizes_misfit(evidence: Evidence) -> float | None:
+    """The misfit before with the rig's errors in the sizes learned without an effect; None where
+    these are the same, or not known."""
+    if not (evidence.has_rig_errors and evidence.diagnosis["effects"]):
+        return None
+    return last_scores(evidence.diagnosis).get("chi2_per_dof_before_own_sizes")
 
 
 def expected_misfit(evidence: Evidence) -> str:
@@ -159,10 +174,10 @@ def _effect(rank: int, effect: dict, evidence: Evidence, picture: str) -> str:
     score = effect["evidence"]
     standard_error = float(f"{score['elpd_se']:.2g}")
     gain = f"gains {number(score['elpd_gain'])} ± {number(standard_error, 2)} nats"
-    text = f"On what was held out it {gain}"
+    text = f"On what was held out in turn it {gain}"
     if evidence.diagnosis["fit"]["held_out"]["chi2_per_dof_before"] > SHARED_MISFIT:
-        share = f"It explains {number(100 * effect['share'])} % of the misfit on what was held out"
-        text = f"{share}, {gain} there"
+        share = f"It explains {number(100 * effect['share'])} % of the misfit of what was held out"
+        text = f"{share} in turn, {gain} there"
     p_value = chance(score["p_value"])
     paragraphs.append(f"<p>{numbers_unbroken(f'{text}; p = {p_value}.')}</p>")
     if effect["alternatives"]:

@@ -66,7 +66,7 @@ TABLES = {
     },
 }
 OPTIONAL_TABLES = ("decisions",)  # that folders of earlier versions lack
-FRAME_ARRAYS = ("held_out", "time_s", "touch", "x_mm", "y_mm", "force_N", "probe_mm", "press")
+FRAME_ARRAYS = ("last", "time_s", "touch", "x_mm", "y_mm", "force_N", "probe_mm", "press")
 
 
 @dataclass(frozen=True)
@@ -76,11 +76,11 @@ class Evidence:
     diagnosis: the content of diagnosis.json; residual_before, residual_after (N, M): recording
     minus simulation over the noise's sd, NaN where a reading is lost; noise_sd_V (M,), noise_dof,
     noise_source: sd of a reading's noise, its degrees of freedom, and from what it was estimated;
-    channels (M, 4): electrodes; frames: held_out, time_s, touch, x_mm, y_mm (of the skin), force_N,
-    probe_mm, press, one row a frame; held_out_channels (M,): True for channels held out in place of
-    frames; effect_changes (E, M): what each effect changes, over the noise's sd, in the frame in
-    which it changes most, change_frames (E,): the row of that frame, both empty in folders of
-    earlier versions; tables: by name, columns as in TABLES, NaN or "" where a cell is empty,
+    channels (M, 4): electrodes; frames: last (put aside), time_s, touch, x_mm, y_mm (of the skin),
+    force_N, probe_mm, press, one row a frame; last_channels (M,): True for channels put aside in
+    place of frames; effect_changes (E, M): what each effect changes, over the noise's sd, in the
+    frame in which it changes most, change_frames (E,): the row of that frame, both empty in folders
+    of earlier versions; tables: by name, columns as in TABLES, NaN or "" where a cell is empty,
     without those of OPTIONAL_TABLES that the folder lacks; experiment: sentence and pairs;
     prediction: time_s and the medians of std_V and |voltage_V| of each frame of a query, or None;
     recording: the recording diagnosed; file_hashes: SHA-256 by file name.
@@ -94,7 +94,7 @@ class Evidence:
     noise_source: str
     channels: np.ndarray
     frames: pd.DataFrame
-    held_out_channels: np.ndarray
+    last_channels: np.ndarray
     effect_changes: np.ndarray
     change_frames: np.ndarray
     tables: dict[str, pd.DataFrame]
@@ -102,6 +102,11 @@ class Evidence:
     prediction: pd.DataFrame | None
     recording: recording.Recording
     file_hashes: dict[str, str]
+
+    @property
+    def has_last(self) -> bool:
+        """Whether readings were put aside, that no decision read."""
+        return bool(self.frames["last"].any() or self.last_channels.any())
 
     @property
     def has_rig_errors(self) -> bool:
@@ -175,11 +180,14 @@ def _residuals(path: Path) -> dict:
     with np.load(_existing(path), allow_pickle=False) as file:
         arrays = {name: file[name] for name in file.files}
     shape = arrays["before"].shape if "before" in arrays else (0, 0)
-    arrays.setdefault("held_out_channels", np.zeros(shape[1], bool))
+    for new, old in (("last", "held_out"), ("last_channels", "held_out_channels")):
+        if old in arrays:  # of earlier versions
+            arrays.setdefault(new, arrays[old])
+    arrays.setdefault("last_channels", np.zeros(shape[1], bool))
     arrays.setdefault("changes", np.zeros((0, shape[1])))
     arrays.setdefault("changed_frame", np.zeros(0, int))
     shapes = {"before": shape, "after": shape, "noise_V": shape[1:], "channels": (*shape[1:], 4)}
-    shapes |= {"noise_source": (), "noise_dof": (), "held_out_channels": shape[1:]}
+    shapes |= {"noise_source": (), "noise_dof": (), "last_channels": shape[1:]}
     shapes |= {"changes": (len(arrays["changed_frame"]), shape[1])}
     shapes |= dict.fromkeys(FRAME_ARRAYS, shape[:1])
     for name, expected_shape in shapes.items():
@@ -195,8 +203,8 @@ def _residuals(path: Path) -> dict:
         "noise_dof": float(arrays["noise_dof"]),
         "noise_source": str(arrays["noise_source"]),
         "channels": arrays["channels"],
-        "frames": frames.astype({"held_out": bool}),
-        "held_out_channels": arrays["held_out_channels"].astype(bool),
+        "frames": frames.astype({"last": bool}),
+        "last_channels": arrays["last_channels"].astype(bool),
         "effect_changes": arrays["changes"],
         "change_frames": arrays["changed_frame"],
     }

@@ -14,9 +14,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
+from eitskin.diagnose.report.answer import own_sizes_misfit
 from eitskin.diagnose.report.evidence import Evidence
 from eitskin.diagnose.search.gates import DISTINCT, NOTHING_UNNAMED
-from eitskin.diagnose.verdict.words import is_certain, place_text, sites_text
+from eitskin.diagnose.verdict.words import is_certain, last_scores, place_text, sites_text
 from eitskin.effects import EFFECTS
 from eitskin.physics.geometry import even_angles
 from eitskin.plotting import (
@@ -465,10 +466,11 @@ def _bin_means(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.bincount(label, x) / count, np.bincount(label, y) / count
 
 
-def held_out_misfit(evidence: Evidence) -> Figure:
-    """Chi squared per degree of freedom of the readings held out, before and after; noise gives 1.
-    Hollow: against white noise alone, where errors of the rig are part of the noise."""
-    scores = evidence.diagnosis["fit"]["held_out"]
+def last_misfit(evidence: Evidence) -> Figure:
+    """Chi squared per degree of freedom of the `last_scores`, before and after; noise gives 1.
+    Hollow: against white noise alone, where errors of the rig are part of the noise; a bar: before
+    with these errors in the sizes that were learned without an effect."""
+    scores = last_scores(evidence.diagnosis)
     misfits = [scores[f"chi2_per_dof_{title}"] for title, _ in TITLES]
     white_misfits = []
     if evidence.has_rig_errors:
@@ -489,13 +491,20 @@ def held_out_misfit(evidence: Evidence) -> Figure:
         }
         text = number(misfit)
         axes.annotate(text, (misfit, y), color=colour, weight="bold", bbox=PLAIN, **place)
+    own = own_sizes_misfit(evidence)
     axes.set_xscale("log")
-    span = np.array([*misfits, *white_misfits, min(misfits) / MISFIT_LABEL_ROOM])
+    shown = [*misfits, *white_misfits, *([] if own is None else [own])]
+    span = np.array([*shown, min(misfits) / MISFIT_LABEL_ROOM])
     log_limits(axes.xaxis, span, power, room=MISFIT_LABEL_ROOM)
+    if own is not None:
+        axes.plot(own, 1, "|", color=TITLES[0][1], markersize=9)
     if white_misfits:
         dot: dict[str, Any] = {"marker": "o", "color": REFERENCE, "linestyle": "", "markersize": 5}
         hollow: dict[str, Any] = {"markerfacecolor": "white", "label": "white noise alone"}
         dots = [Line2D([], [], **dot, label="noise and rig"), Line2D([], [], **dot, **hollow)]
+        if own is not None:
+            bar = dot | {"marker": "|", "markersize": 8, "label": "rig as learned before"}
+            dots.append(Line2D([], [], **bar))
         figure.legend(handles=dots, loc="outside upper center", ncols=2, borderpad=0.1)
     axes.set(ylim=(-0.5, 1.8), yticks=[1, 0], yticklabels=[title for title, _ in TITLES])
     source = "noise and rig" if white_misfits else "noise"
@@ -582,7 +591,7 @@ FIGURES = {
     "misfit_force": misfit_force,
     "misfit_time": misfit_time,
     "misfit_place": misfit_place,
-    "held_out": held_out_misfit,
+    "last": last_misfit,
     "rivals": rivals,
     "next_experiment": next_experiment,
 }

@@ -22,7 +22,7 @@ CAPTIONS = {
     "misfit_time": "Misfit against time. Dots are frames, lines their means: before with squares,"
     " after with circles.",
     "misfit_place": "Misfit over the skin.",
-    "held_out": "The misfit of what was held out: before a square, after a circle.",
+    "last": "The misfit of what decided nothing: before a square, after a circle.",
     "rivals": "Each name taken out again, and others in its place: what was not put aside is held"
     " out in turn and predicted from the rest, against the noise and rig errors of all that is"
     " named. In brackets: the difference in log predictive density; below 0 is worse.",
@@ -82,8 +82,8 @@ def page(evidence: Evidence, drawings: dict[str, str], change_drawings: list[str
         "<h2>Where the misfit is, and where it went</h2>",
         sections.misfit_legend(evidence),
         figure_row(shown["misfit_force"], shown["misfit_time"], shown["misfit_place"]),
-        sections.held_out(evidence),
-        figure_row(shown["held_out"], shown["rivals"]),
+        sections.last(evidence),
+        figure_row(shown["last"], shown["rivals"]),
         sections.rig(evidence),
         sections.unnamed(evidence),
         sections.next_experiment(evidence, shown["next_experiment"]),

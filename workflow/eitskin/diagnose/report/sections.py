@@ -7,14 +7,20 @@ from importlib.metadata import version
 import numpy as np
 import pandas as pd
 
-from eitskin.diagnose.report.answer import expected_misfit, held_out_amount
+from eitskin.diagnose.report.answer import expected_misfit, last_amount, own_sizes_misfit
 from eitskin.diagnose.report.evidence import Evidence
 from eitskin.diagnose.report.markup import code, figure_row, numbers_unbroken, table
 from eitskin.diagnose.search.gates import CLEARLY_DISTINCT, DISTINCT
 from eitskin.diagnose.search.journal import CUT_SHORT, START
 from eitskin.diagnose.verdict import refusals, rig_words
 from eitskin.diagnose.verdict.atlas import DISCOVERY
-from eitskin.diagnose.verdict.words import frame_range, part_sentences, sites_text, value_texts
+from eitskin.diagnose.verdict.words import (
+    frame_range,
+    last_scores,
+    part_sentences,
+    sites_text,
+    value_texts,
+)
 from eitskin.effects import catalogue_names
 from eitskin.quantities import NONE, chance, number, percent, quantity
 
@@ -59,9 +65,10 @@ def misfit_legend(evidence: Evidence) -> str:
     )
 
 
-def held_out(evidence: Evidence) -> str:
-    """The misfit of the readings held out, before and after."""
-    scores, unit = evidence.diagnosis["fit"]["held_out"], evidence.reading_unit
+def last(evidence: Evidence) -> str:
+    """The misfit of the readings that decided nothing, before and after; of those held out in turn
+    where none were put aside."""
+    scores, unit = last_scores(evidence.diagnosis), evidence.reading_unit
     heads = ["", "χ² per degree of freedom", "rms residual"]
     rows = [
         [
@@ -71,18 +78,26 @@ def held_out(evidence: Evidence) -> str:
         ]
         for key in ("before", "after")
     ]
-    lines = ["<h2>What was held out</h2>"]
-    if evidence.frames["held_out"].any() or evidence.held_out_channels.any():
+    lines = ["<h2>What decided nothing</h2>"]
+    if evidence.has_last:
         lines.append(
-            f"<p>{held_out_amount(evidence)} were put aside before anything was looked at; what was"
-            " found is held against them.</p>"
+            f"<p>{last_amount(evidence)} were put aside before anything was looked at, and read"
+            " when all was decided.</p>"
         )
+    else:
+        lines = ["<h2>What was held out</h2>"]
+    clause = expected_misfit(evidence)
+    caption = f"{clause[0].upper()}{clause[1:]}."
     if evidence.has_rig_errors:
         heads.insert(2, "against white noise alone")
         for row, key in zip(rows, ("before", "after"), strict=True):
             row.insert(2, number(scores[f"white_chi2_per_dof_{key}"]))
-    clause = expected_misfit(evidence)
-    caption = f"{clause[0].upper()}{clause[1:]}."
+        own = own_sizes_misfit(evidence)
+        if own is not None:
+            caption += (
+                " Before and after have the rig's errors in the sizes that were learned after; in"
+                f" the sizes learned before, the misfit before is {number(own)}."
+            )
     return "\n".join([*lines, table(heads, rows, heads[1:], caption)])
 
 

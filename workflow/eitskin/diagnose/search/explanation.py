@@ -9,7 +9,7 @@ import numpy as np
 
 from eitskin.diagnose.fitting.candidates import Candidate
 from eitskin.diagnose.fitting.fit import Fit
-from eitskin.diagnose.fitting.held_out import HeldOut, held_out
+from eitskin.diagnose.fitting.held_out import CrossValidation, held_out
 from eitskin.diagnose.noise.rig_errors import RigErrors
 from eitskin.diagnose.search.screen import AMPLITUDES, Score
 from eitskin.effects import EFFECTS
@@ -35,7 +35,7 @@ class Explanation:
     score: Score | None = None
 
     @cached_property
-    def held_out(self) -> HeldOut:
+    def held_out(self) -> CrossValidation:
         """What it predicts for the folds left out, each from the others."""
         return held_out(self.fit, self.folds)
 

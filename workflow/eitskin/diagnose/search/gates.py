@@ -409,18 +409,6 @@ FREEDOM = Gate(
     "sets with a free value at every site, or at more than two sites",
     "a set of fewer free values has a log evidence of {value} nats less",
 )
-RESERVED = Gate(
-    "reserved",
-    "log density of the reserved readings above that without the effect, nats; of an effect with a"
-    f" value at every site less {STANDARD_ERRORS:g} standard errors",
-    0.0,
-    "at least",
-    "evidence",
-    "readings that no fit has seen must not be predicted worse",
-    MEMBER,
-    "the reserved readings are predicted better with it by {value} nats; it stays from"
-    " {threshold} on",
-)
 FOLDS = Gate(
     "folds",
     f"log density of the folds left out, less {STANDARD_ERRORS:g} standard errors, above that"
@@ -435,8 +423,8 @@ FOLDS = Gate(
 )
 PRESSES = Gate(
     "presses",
-    "log density of all presses above that without the effect, less its standard error by the"
-    " scatter over presses, nats",
+    "log density of the presses left out above that without the effect, less its standard error by"
+    " the scatter over presses, nats",
     0.0,
     "at least",
     "evidence",
@@ -466,16 +454,29 @@ HARM_ERRORS = Gate(
     "with it the squared error of readings left out grows by {value} standard errors; it stays up"
     " to {threshold}",
 )
-ACCEPTABLE = Gate(
-    "acceptable",
-    "p-value of the chi squared of the reserved readings",
-    0.01,
+SURE_GAIN = Gate(
+    "sure-gain",
+    f"log density of the folds left out, less {STANDARD_ERRORS:g} standard errors, above that of"
+    " the best set without the effect, another name in its place too, nats",
+    0.0,
     "above",
     "certainty",
-    "contract of diagnosis.json: p > 0.01",
+    "Vehtari, Gelman, Gabry (2017): a difference within two standard errors is none",
     MEMBER,
-    "the fit as a whole is not acceptable: its p-value is {value}; effects are certain above"
-    " {threshold}",
+    f"beside the best set without it, frames left out are predicted better by {{value}} nats once"
+    f" {STANDARD_ERRORS:g} standard errors are taken off; it is certain above {{threshold}}",
+)
+STANDS_OUT = Gate(
+    "stands-out",
+    "length of the effect's signature, the calibrations and the other effects fitted to it, noise"
+    " units",
+    3.0,
+    "at least",
+    "certainty",
+    "as `distinct`: calibrations are names too",
+    MEMBER,
+    "beyond what the calibrations can do its signature is {value} noise units long; it is certain"
+    " from {threshold} on",
 )
 DISTINCT = Gate(
     "distinct",
@@ -484,7 +485,7 @@ DISTINCT = Gate(
     "at least",
     "certainty",
     "contract of diagnosis.json: a gap under 3 does not tell two names apart",
-    "pairs of an effect and another name",
+    "every effect of the set, with the nearest other name",
     "its gap to {place} is {value}; names are told apart from {threshold} on",
 )
 CLEARLY_DISTINCT = Gate(
@@ -497,15 +498,39 @@ CLEARLY_DISTINCT = Gate(
     "pairs of an effect and another name, for the next experiment",
     "its gap to {place} is {value}; it is clear from {threshold} on",
 )
-STANDS_OUT = Gate(
-    "stands-out",
-    "length of the effect's signature, noise units",
-    3.0,
-    "at least",
+SIZE_INTERVAL = Gate(
+    "size-interval",
+    "probability of the widest interval of the effect's size that leaves out the value of no"
+    " effect; of values at several sites, a common one",
+    0.9,
+    "above",
     "certainty",
-    "as `distinct`: a signature shorter than a gap tells nothing",
+    "contract of diagnosis.json: 90 % intervals",
+    "effects that some value turns into none",
+    "the 90 % interval of its size holds the value of no effect: that of {value} ends there",
+)
+ACCEPTABLE = Gate(
+    "acceptable",
+    "p-value of the chi squared of the folds left out",
+    0.01,
+    "above",
+    "certainty",
+    "contract of diagnosis.json: p > 0.01",
     MEMBER,
-    "its signature is {value} noise units long; it is certain from {threshold} on",
+    "the fit as a whole is not acceptable: its p-value is {value}; effects are certain above"
+    " {threshold}, or where the misfit does not touch them",
+)
+UNAFFECTED = Gate(
+    "unaffected",
+    "p-value of the squared length of the misfit along the effect's signature, channel by channel"
+    " and press by press",
+    0.01,
+    "above",
+    "certainty",
+    "as `acceptable`; White (1980): what a misfit does to an estimate",
+    "effects of a fit that is not acceptable",
+    "the misfit touches it: along its signature it is as long as by chance in {value} of"
+    " recordings; it is apart from the misfit above {threshold}",
 )
 REMAINDER = Gate(
     "remainder",

@@ -1,7 +1,8 @@
 """How well explanations agree with a recording: misfit, correlation, predictions of folds."""
 
-from eitskin.diagnose.fitting.fit import rewhitened
-from eitskin.diagnose.fitting.held_out import HeldOut, held_out
+from eitskin.diagnose.fitting.candidates import replaces_instrument
+from eitskin.diagnose.fitting.fit import Fit, rewhitened
+from eitskin.diagnose.fitting.held_out import CrossValidation, HeldOut, held_out
 from eitskin.diagnose.search.explanation import Explanation
 from eitskin.diagnose.search.gates import GROSS_MISFIT, STANDARD_ERRORS, UNLIKE
 from eitskin.diagnose.search.search import Search
@@ -55,6 +56,21 @@ def sure_gain(search: Search, trial: Explanation, explanation: Explanation) -> f
     """`gain` less STANDARD_ERRORS standard errors, nats."""
     nats, error = gain(search, trial, explanation)
     return nats - STANDARD_ERRORS * error
+
+
+def named_prediction(explanation: Explanation, named: Fit) -> CrossValidation:
+    """What an explanation predicts for the folds left out, in the covariance of `named`, its fit
+    with no discrepancy (`refits.named_fit`)."""
+    if named is explanation.fit:
+        return explanation.held_out
+    return held_out(named, explanation.folds)
+
+
+def acceptance_p_value(named: Fit, prediction: CrossValidation, noise_dof: float) -> float:
+    """P-value of the chi squared of the folds left out, by the `named_prediction` of a fit; 0 with
+    another instrument than the owner's, whose coordinates can explain any misfit. noise_dof: of the
+    noise's scale."""
+    return 0.0 if replaces_instrument(named.effects) else prediction.p_value(noise_dof)
 
 
 def cost_for(explanation: Explanation, log_evidence: float) -> float:

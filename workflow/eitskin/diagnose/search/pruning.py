@@ -1,11 +1,10 @@
-"""Effects that do not earn their place on readings that no fit has seen, taken out one by one."""
-
-from collections.abc import Callable, Mapping
+"""Effects that do not earn their place on folds left out, taken out one by one."""
 
 import numpy as np
 
 from eitskin.diagnose.fitting.candidates import Candidate, replaces_instrument
-from eitskin.diagnose.fitting.reserve import Reserve
+from eitskin.diagnose.fitting.harm import harm
+from eitskin.diagnose.fitting.held_out import gain_over_presses
 from eitskin.diagnose.search.explanation import Explanation
 from eitskin.diagnose.search.gates import (
     ACCEPTABLE,
@@ -13,60 +12,55 @@ from eitskin.diagnose.search.gates import (
     HARM_ERRORS,
     HARM_RATIO,
     PRESSES,
-    RESERVED,
     STANDARD_ERRORS,
 )
 from eitskin.diagnose.search.growth import Outcome
 from eitskin.diagnose.search.journal import Journal
-from eitskin.diagnose.search.prediction import predicted
-from eitskin.diagnose.search.refits import reduced, settled, without_discrepancy
+from eitskin.diagnose.search.prediction import acceptance_p_value, named_prediction, predicted
+from eitskin.diagnose.search.refits import named_fit, reduced, settled
 from eitskin.diagnose.search.search import Search
 
 
-def pruned(
-    outcome: Outcome, reserve_of: Callable[[Mapping[str, float]], Reserve], noise_dof: float
-) -> tuple[Outcome, Reserve]:
+def pruned(outcome: Outcome, units: np.ndarray, noise_dof: float) -> Outcome:
     """An outcome of a search less the effects that do not earn their place; where that was a last
     resort, the explanation before it, judged in the noise before it.
 
-    reserve_of: the reserve, of sds of the rig's errors; noise_dof: of the noise's scale.
+    units (N, M): labels of independent units of the recording (`held_out.error_units`); noise_dof:
+    degrees of freedom of the noise's scale.
     """
     search, calibration, after = outcome
     was_replaced = replaces_instrument(after.effects)
     in_noise, after = settled(search, after)
-    after, reserve = _earning(in_noise, after, reserve_of, noise_dof)
+    after = _earning(in_noise, after, units, noise_dof)
     if was_replaced and not replaces_instrument(after.effects):
         in_noise = in_noise.restored()
-        after, reserve = _earning(in_noise, calibration, reserve_of, noise_dof)
-    return (in_noise, calibration, after), reserve
+        after = _earning(in_noise, calibration, units, noise_dof)
+    return in_noise, calibration, after
 
 
 def _earning(
-    search: Search,
-    explanation: Explanation,
-    reserve_of: Callable[[Mapping[str, float]], Reserve],
-    noise_dof: float,
-) -> tuple[Explanation, Reserve]:
-    """An explanation less the effects that do not earn their place, the worst first, and the
-    reserve in its covariance."""
-    while True:
+    search: Search, explanation: Explanation, units: np.ndarray, noise_dof: float
+) -> Explanation:
+    """An explanation less the effects that do not earn their place, the worst first."""
+    while explanation.effects:
         search.journal.begin_round()
-        reserve = reserve_of(explanation.error_sds)
-        plain = without_discrepancy(explanation, explanation.fit)
-        is_accepted = ACCEPTABLE.admits(reserve.p_value(plain, noise_dof))
+        named = named_fit(explanation)
+        prediction = named_prediction(explanation, named)
+        is_accepted = ACCEPTABLE.admits(acceptance_p_value(named, prediction, noise_dof))
         weakest, lowest = None, 0.0
         for index in range(len(explanation.effects)):
-            worth = _worth(search, explanation, index, reserve, is_accepted)
+            worth = _worth(search, explanation, index, units, is_accepted)
             if worth < lowest:
                 weakest, lowest = index, worth
         if weakest is None:
-            return explanation, reserve
+            break
         search.journal.step("not earned", explanation.effects[weakest], explanation)
         explanation = reduced(search, explanation, weakest)
+    return explanation
 
 
 def _worth(
-    search: Search, explanation: Explanation, index: int, reserve: Reserve, is_accepted: bool
+    search: Search, explanation: Explanation, index: int, units: np.ndarray, is_accepted: bool
 ) -> float:
     """The least of the values at which effect `index` is refused, nats, 0 where it is not; minus
     infinity where it does harm.
@@ -75,37 +69,33 @@ def _worth(
     covariance accepts what is left, as it says that places and forces are off by so much. Each fit
     predicts in a covariance of its own then: another one moves it.
     """
-    effect = explanation.effects[index]
+    effect, problem = explanation.effects[index], explanation.fit.problem
     reduced_set = reduced(search, explanation, index)
-    gain, error = reserve.gain(explanation.fit, reduced_set.fit)
-    margin = STANDARD_ERRORS * error if effect.scope == "dense" else 0.0
-    folds = explanation.held_out, predicted(search, reduced_set, explanation)
-    folds_gain, folds_error = folds[0].gain(folds[1])
-    values = [
-        (RESERVED, gain - margin),
-        (FOLDS, folds_gain - STANDARD_ERRORS * folds_error),
-        (PRESSES, reserve.gain_over_presses(explanation.fit, reduced_set.fit, folds)),
-    ]
+    rival = predicted(search, reduced_set, explanation)
+    gain, error = explanation.held_out.gain(rival)
+    mask, model = problem.whitening.mask, problem.model
+    pressed = model.touched & model.simulable & mask.any(axis=1)
+    over_presses = gain_over_presses(explanation.held_out, rival, units[:, 0], pressed)
+    values = [(FOLDS, gain - STANDARD_ERRORS * error), (PRESSES, over_presses)]
     judge = search.journal.judge
     worth = min((v for gate, v in values if not judge(gate, v, effect, reduced_set)), default=0.0)
-    harm = reserve.harm(
-        explanation.fit, reduced_set.fit, (explanation.held_out, reduced_set.held_out)
-    )
-    return (
-        worth if _is_harmless(search.journal, effect, reduced_set, harm, is_accepted) else -np.inf
-    )
+    errors = explanation.held_out.residual, reduced_set.held_out.residual
+    comparison = harm(*errors, np.where(mask, 0.0, np.nan), units)
+    is_harmless = _is_harmless(search.journal, effect, reduced_set, comparison, is_accepted)
+    return worth if is_harmless else -np.inf
 
 
 def _is_harmless(
     journal: Journal,
     effect: Candidate,
     reduced_set: Explanation,
-    harm: tuple[float, float, float],
+    comparison: dict[str, float],
     is_accepted: bool,
 ) -> bool:
-    """Whether an effect does no harm beside the rest; harm: rms error with it and without it, and
-    standard errors (`Reserve.harm`)."""
-    rms, rms_without, errors = harm
+    """Whether an effect does no harm beside the rest; comparison: as of `harm`, of the errors with
+    it and without it."""
+    rms, rms_without = comparison["rmse_V"], comparison["rmse_before_V"]
+    errors = comparison["standard_errors"]
     ratio = rms / rms_without if rms_without else (np.inf if rms else 1.0)
     values = [(HARM_RATIO, ratio), (HARM_ERRORS, 0.0 if np.isnan(errors) else errors)]
     if is_accepted:

@@ -208,6 +208,14 @@ def without_discrepancy(explanation: Explanation, fitted: Fit) -> Fit:
     return rewhitened(fitted, replace(fitted.problem, whitening=whitening))
 
 
+def named_fit(explanation: Explanation) -> Fit:
+    """The fit of an explanation without a discrepancy in its covariance, at its optimum there."""
+    named = without_discrepancy(explanation, explanation.fit)
+    if named is explanation.fit:
+        return named
+    return fit(named.problem, named.effects, named.theta, named.jacobian, polish=True)
+
+
 def settled(search: Search, explanation: Explanation) -> tuple[Search, Explanation]:
     """An explanation whose rig errors are linearised about its own fit, their sds learned once
     more; and the search with these errors."""

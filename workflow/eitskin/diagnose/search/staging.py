@@ -11,9 +11,8 @@ from eitskin.data.subset import of_frames
 from eitskin.diagnose.fitting.candidates import Candidate, replaces_instrument
 from eitskin.diagnose.fitting.excerpt import excerpt
 from eitskin.diagnose.fitting.fit import Problem, fit
-from eitskin.diagnose.fitting.held_out import draw_reserve_mask, error_units, folds
-from eitskin.diagnose.fitting.readings import noise_and_problem, reserve_problem
-from eitskin.diagnose.fitting.reserve import Reserve
+from eitskin.diagnose.fitting.held_out import draw_reserve_mask, folds
+from eitskin.diagnose.fitting.readings import noise_and_problem
 from eitskin.diagnose.fitting.simulator import RecordingSimulator
 from eitskin.diagnose.noise.noise_model import NoiseModel
 from eitskin.diagnose.search.catalogue import Conditions, catalogue
@@ -21,7 +20,6 @@ from eitskin.diagnose.search.explanation import Explanation
 from eitskin.diagnose.search.gates import GROSS_MISFIT
 from eitskin.diagnose.search.growth import Outcome, at_start, grown, run
 from eitskin.diagnose.search.journal import Journal
-from eitskin.diagnose.search.pruning import pruned
 from eitskin.diagnose.search.refits import (
     DISCREPANCY,
     calibrated,
@@ -111,18 +109,6 @@ def _calibrated_rig(search: Search) -> tuple:
     """The calibrated explanation, and the rig's errors about it."""
     search, calibration = calibrated(search)
     return calibration, search.rig
-
-
-def pruned_by_reserve(
-    outcome: Outcome, problem: Problem, recording: Recording, noise: NoiseModel, mask: np.ndarray
-) -> tuple[Outcome, Reserve]:
-    """An outcome of a search less the effects that the reserve, by its mask (N, M), does not bear
-    out, and the reserve in its covariance; problem: with noise alone in its covariance."""
-    reserved = reserve_problem(problem, recording, noise, mask)
-    search, labels = outcome[0], error_units(recording)
-    return pruned(
-        outcome, lambda sds: Reserve(reserved, sds, search.converter_step, labels), noise.dof
-    )
 
 
 def _on_frames(

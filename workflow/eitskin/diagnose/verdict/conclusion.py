@@ -1,22 +1,21 @@
 """What may be said of a diagnosed recording: its verdict, and how certain each effect is."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from eitskin.diagnose.fitting.estimates import amounts, calibration, estimates
-from eitskin.diagnose.search.gates import (
-    ACCEPTABLE,
-    DISTINCT,
-    NOTHING_UNNAMED,
-    OBSERVABLE,
-    REMAINDER,
-    STANDS_OUT,
-    Gate,
-)
-from eitskin.diagnose.search.refits import reduced, without_discrepancy
+from eitskin.diagnose.fitting.fit import Problem
+from eitskin.diagnose.fitting.held_out import HeldOut
+from eitskin.diagnose.fitting.readings import reserve_problem
+from eitskin.diagnose.fitting.reserve import Reserve
+from eitskin.diagnose.noise.whitening import Whitening
+from eitskin.diagnose.search.gates import DISTINCT, OBSERVABLE, STANDS_OUT
+from eitskin.diagnose.search.refits import reduced
 from eitskin.diagnose.verdict import identities, words
+from eitskin.diagnose.verdict.certainty import certainty, held_out_p, is_certain, least_gain
 from eitskin.diagnose.verdict.diagnosis import Diagnosis
 from eitskin.diagnose.verdict.verdict import verdict
 from eitskin.effects import EFFECTS, catalogue_names
@@ -52,16 +51,14 @@ def document(diagnosis: Diagnosis, recording: str) -> dict[str, Any]:
 
 
 def conclude(diagnosis: Diagnosis) -> Verdict:
-    """The verdict on a diagnosed recording.
-
-    Chi squared before and after are of the reserve, both in the covariance of the fit after.
-    """
+    """The verdict on a diagnosed recording: what the folds left out decide, and at last how the
+    reserve is predicted."""
     explanation, noise = diagnosis.explanation, diagnosis.noise
     remainder = diagnosis.remainder
-    p_value = held_out_p(diagnosis)
-    entries = [_entry(diagnosis, i, p_value) for i in range(len(explanation.effects))]
-    fit = _held_out(diagnosis)
-    summary = verdict([e["certain"] for e in entries], p_value, remainder.probability)
+    entries = [_entry(diagnosis, i) for i in range(len(explanation.effects))]
+    certainties, p_value = [e["certain"] for e in entries], held_out_p(diagnosis)
+    summary = verdict(certainties, p_value, remainder.probability)
+    fit = _fit(diagnosis)
     other = {
         "probability": remainder.probability,
         "electrodes": remainder.electrodes,
@@ -95,28 +92,60 @@ def _noise(diagnosis: Diagnosis) -> dict:
         "jumps": [step["frame"] for step in diagnosis.steps],
         "spikes": {
             "readings": noise.spike_count,
-            "share": noise.spike_count / recording.readings.size,
+            "share": noise.spike_count / max(int((~diagnosis.reserve_mask).sum()), 1),
         },
     }
 
 
-def _held_out(diagnosis: Diagnosis) -> dict:
-    """`fit` of diagnosis.json."""
-    reserve = diagnosis.reserve
-    fits = {"before": diagnosis.baseline.fit, "after": diagnosis.explanation.fit}
-    scores = {key: reserve.prediction(fit) for key, fit in fits.items()}
-    white_scores = {key: reserve.noise_prediction(fit) for key, fit in fits.items()}
-    return {
-        "held_out": {
-            "frames": int(reserve.noise_whitening.mask.any(axis=1).sum()),
-            **{f"chi2_per_dof_{key}": score.chi2_per_dof for key, score in scores.items()},
-            **{
-                f"white_chi2_per_dof_{key}": score.chi2_per_dof
-                for key, score in white_scores.items()
-            },
-            **{f"rms_{key}_V": score.rms for key, score in scores.items()},
-        }
+def _fit(diagnosis: Diagnosis) -> dict:
+    """`fit` of diagnosis.json; without `last` where nothing was reserved."""
+    noise_whitening = diagnosis.noise_problem.whitening
+    predictions = {
+        "before": diagnosis.prediction_by(diagnosis.baseline),
+        "after": diagnosis.prediction,
     }
+    white = {key: _whitened_by(noise_whitening, held_out) for key, held_out in predictions.items()}
+    mask = diagnosis.search.problem.whitening.mask
+    fit = {"held_out": _scores(mask, predictions, white)}
+    last = reserve_problem(
+        diagnosis.noise_problem, diagnosis.recording, diagnosis.noise, diagnosis.reserve_mask
+    )
+    if last is not None:
+        fit["last"] = _last(diagnosis, last)
+    return fit
+
+
+def _last(diagnosis: Diagnosis, problem: Problem) -> dict:
+    """`fit.last` of diagnosis.json; problem: of the reserved readings. Before and after are in the
+    covariance that was learned with the explanation, before also in its own."""
+    baseline, explanation = diagnosis.baseline, diagnosis.explanation
+    reserve = Reserve(problem, explanation.error_sds, diagnosis.search.converter_step)
+    fits = {"before": baseline.fit, "after": explanation.fit}
+    scores = _scores(
+        problem.whitening.mask,
+        {key: reserve.prediction(fit) for key, fit in fits.items()},
+        {key: reserve.noise_prediction(fit) for key, fit in fits.items()},
+    )
+    own = replace(reserve, error_sds=baseline.error_sds).prediction(baseline.fit)
+    return scores | {"chi2_per_dof_before_own_sizes": own.chi2_per_dof}
+
+
+def _scores(
+    mask: np.ndarray, predictions: Mapping[str, HeldOut], white: Mapping[str, HeldOut]
+) -> dict[str, Any]:
+    """`fit.held_out` or `fit.last` by predictions before and after, and these against white noise
+    alone; mask (N, M): of the readings."""
+    return {
+        "frames": int(mask.any(axis=1).sum()),
+        **{f"chi2_per_dof_{key}": score.chi2_per_dof for key, score in predictions.items()},
+        **{f"white_chi2_per_dof_{key}": score.chi2_per_dof for key, score in white.items()},
+        **{f"rms_{key}_V": score.rms for key, score in predictions.items()},
+    }
+
+
+def _whitened_by(whitening: Whitening, prediction: HeldOut) -> HeldOut:
+    """A prediction with its chi squared in another covariance."""
+    return replace(prediction, chi2=(whitening(prediction.residual) ** 2).sum(axis=1))
 
 
 def unobservable(diagnosis: Diagnosis) -> list[str]:
@@ -132,8 +161,8 @@ def unobservable(diagnosis: Diagnosis) -> list[str]:
     )
 
 
-def _entry(diagnosis: Diagnosis, index: int, p_value: float) -> dict:
-    """Effect `index` as diagnosis.json has it; p_value: of the reserve's chi squared."""
+def _entry(diagnosis: Diagnosis, index: int) -> dict:
+    """Effect `index` as diagnosis.json has it."""
     explanation = diagnosis.explanation
     candidate = explanation.effects[index]
     rivals, gaps = diagnosis.rivals[index], diagnosis.gaps[index]
@@ -142,7 +171,7 @@ def _entry(diagnosis: Diagnosis, index: int, p_value: float) -> dict:
         # Gaps within so small a signature are noise: names fitted in its place come first.
         gains = {rival.name: rival.gain for rival in rivals}
         alternatives.sort(key=lambda name: gains.get(name, np.inf))
-    gain, error = min((rival.gain, rival.error) for rival in rivals)
+    gain, error = least_gain(diagnosis, index)
     entry: dict[str, Any] = {
         "name": candidate.name,
         "alternatives": alternatives,
@@ -157,7 +186,7 @@ def _entry(diagnosis: Diagnosis, index: int, p_value: float) -> dict:
             "p_value": explanation.p_value(candidate),
         },
         "gap": gaps[0].gap if gaps else None,
-        "certain": all(gate.admits(value) for gate, value in certainty(diagnosis, index, p_value)),
+        "certain": is_certain(certainty(diagnosis, index)),
     }
     if combined := amounts(explanation.fit, index, entry["parameters"]):
         entry["amounts"] = combined
@@ -171,36 +200,12 @@ def _entry(diagnosis: Diagnosis, index: int, p_value: float) -> dict:
     return entry
 
 
-def certainty(diagnosis: Diagnosis, index: int, p_value: float) -> list[tuple[Gate, float]]:
-    """The gates that effect `index` must pass to be certain, and its values: the fit as a whole is
-    acceptable, the effect stands out from what has no name, and the remainder, where there probably
-    is one, could not distinguish it from another name."""
-    gaps, remainder = diagnosis.gaps[index], diagnosis.remainder
-    values = [(ACCEPTABLE, p_value), (STANDS_OUT, gaps[0].snr if gaps else np.inf)]
-    if not NOTHING_UNNAMED.admits(remainder.probability):
-        nearest = min((g.gap for g in gaps if DISTINCT.admits(g.gap)), default=np.inf)
-        values.append((REMAINDER, nearest - remainder.snr))
-    return values
-
-
-def held_out_p(diagnosis: Diagnosis) -> float:
-    """P-value of the reserve's chi squared, nothing without a name in its covariance."""
-    explanation = diagnosis.explanation
-    named_fit = without_discrepancy(explanation, explanation.fit)
-    return diagnosis.reserve.p_value(named_fit, diagnosis.noise.dof)
-
-
 def _share(diagnosis: Diagnosis, index: int) -> float:
-    """Share of the reserve's excess chi squared that returns without an effect, of 0 to 1."""
-    reserve, explanation = diagnosis.reserve, diagnosis.explanation
-    chi2_baseline, chi2_explained, chi2_reduced = (
-        reserve.prediction(fit).chi2.sum()
-        for fit in (
-            diagnosis.baseline.fit,
-            explanation.fit,
-            reduced(diagnosis.search, explanation, index).fit,
-        )
-    )
-    excess = chi2_baseline - reserve.prediction(diagnosis.baseline.fit).reading_count
-    share = (chi2_reduced - chi2_explained) / excess if excess > 0.0 else 0.0
-    return float(np.clip(share, 0.0, 1.0))
+    """Share of the excess chi squared of the folds left out that returns without an effect, of 0 to
+    1."""
+    reduced_set = reduced(diagnosis.search, diagnosis.explanation, index)
+    before = diagnosis.prediction_by(diagnosis.baseline)
+    without = diagnosis.prediction_by(reduced_set)
+    excess = before.chi2.sum() - before.reading_count
+    returned = without.chi2.sum() - diagnosis.prediction.chi2.sum()
+    return float(np.clip(returned / excess if excess > 0.0 else 0.0, 0.0, 1.0))

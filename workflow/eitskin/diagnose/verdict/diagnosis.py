@@ -8,16 +8,15 @@ import pandas as pd
 
 from eitskin.data.recording import Recording
 from eitskin.diagnose.fitting.candidates import replaces_instrument
-from eitskin.diagnose.fitting.fit import Fit, fit, rewhitened
+from eitskin.diagnose.fitting.fit import Fit, Problem, rewhitened
+from eitskin.diagnose.fitting.held_out import CrossValidation, held_out
 from eitskin.diagnose.fitting.linearisation import linearised_rig_errors
-from eitskin.diagnose.fitting.reserve import Reserve
 from eitskin.diagnose.noise.component_sds import component_intervals
 from eitskin.diagnose.noise.noise_model import NoiseModel
-from eitskin.diagnose.noise.whitening import Whitening
 from eitskin.diagnose.search.explanation import Explanation
 from eitskin.diagnose.search.growth import Outcome, cut_short
-from eitskin.diagnose.search.prediction import is_unlike, likeness
-from eitskin.diagnose.search.refits import without_discrepancy
+from eitskin.diagnose.search.prediction import is_unlike, likeness, named_prediction
+from eitskin.diagnose.search.refits import named_fit
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.verdict.atlas import atlas
 from eitskin.diagnose.verdict.gaps import Gap, gaps, strengths
@@ -30,8 +29,8 @@ class Diagnosis:
     """What explains one recording, and what that was tested with.
 
     recording: as it was diagnosed, an excerpt of a long one; search: as it ended; baseline,
-    explanation: without effects and with them; reserve_mask (N, M): readings that the search did
-    not see; reserve: these, in the covariance of the explanation; rig_errors: with their sds, as
+    explanation: without effects and with them; noise_problem: with noise alone in its covariance;
+    reserve_mask (N, M): readings that no decision read; rig_errors: with their sds, as
     diagnosis.json has them; baseline_atlas, atlas: of the residuals of both; named_fit: that of the
     explanation, nothing without a name in its covariance; gaps: of every effect, the nearest rival
     first; strengths: SNR of every name at a typical size. parts, steps: of a recording with steps
@@ -43,8 +42,8 @@ class Diagnosis:
     noise: NoiseModel
     baseline: Explanation
     explanation: Explanation
+    noise_problem: Problem
     reserve_mask: np.ndarray
-    reserve: Reserve
     rig_errors: list[dict]
     baseline_atlas: pd.DataFrame
     atlas: pd.DataFrame
@@ -61,20 +60,33 @@ class Diagnosis:
         count = len(self.explanation.effects)
         return [rivals(self.search, self.explanation, i) for i in range(count)]
 
+    @cached_property
+    def prediction(self) -> CrossValidation:
+        """What the explanation predicts for the folds left out, in the covariance of `named_fit`,
+        as all that is compared with it there."""
+        return named_prediction(self.explanation, self.named_fit)
+
+    def prediction_by(self, explanation: Explanation) -> CrossValidation:
+        """What another explanation predicts for them in that covariance. Raises InputError where it
+        has no physics where touches were displaced to."""
+        if explanation is self.explanation:
+            return self.prediction
+        fitted = rewhitened(explanation.fit, self.named_fit.problem)
+        return held_out(fitted, self.search.folds)
+
 
 @dataclass(frozen=True)
 class Data:
     """A recording with its noise, as a search had them.
 
-    reserve: readings that the search did not see, in the covariance of its explanation;
-    reserve_mask (N, M): where these are; noise_whitening: the covariance of the noise alone.
+    reserve_mask (N, M): readings that the search did not see; noise_problem: of the others, with
+    noise alone in its covariance.
     """
 
     recording: Recording
     noise: NoiseModel
-    reserve: Reserve
     reserve_mask: np.ndarray
-    noise_whitening: Whitening
+    noise_problem: Problem
 
     def residual_atlas(self, explanation: Explanation, fitted: Fit) -> pd.DataFrame:
         """The atlas of the residual of a fit of an explanation, with what the rig's errors move in
@@ -94,12 +106,9 @@ class Data:
         """The fit of an explanation where nothing without a name is in its covariance; beside
         another instrument such a covariance has the noise alone."""
         if replaces_instrument(explanation.effects):
-            problem = replace(explanation.fit.problem, whitening=self.noise_whitening)
+            problem = replace(explanation.fit.problem, whitening=self.noise_problem.whitening)
             return rewhitened(explanation.fit, problem)
-        named = without_discrepancy(explanation, explanation.fit)
-        if named is explanation.fit:
-            return named
-        return fit(named.problem, named.effects, named.theta, named.jacobian, polish=True)
+        return named_fit(explanation)
 
 
 def assess(data: Data, outcome: Outcome, was_cut_short: bool) -> Diagnosis:
@@ -114,8 +123,8 @@ def assess(data: Data, outcome: Outcome, was_cut_short: bool) -> Diagnosis:
     distances = [gaps(search, explanation, i) for i in range(len(explanation.effects))]
     if search.spent or was_cut_short:
         cut_short(search, explanation)
-    named_fit = data.named_fit(explanation)
-    residual_atlas = data.residual_atlas(explanation, named_fit)
+    named = data.named_fit(explanation)
+    residual_atlas = data.residual_atlas(explanation, named)
     unnamed = _remainder(search, explanation, residual_atlas)
     return Diagnosis(
         recording=data.recording,
@@ -123,12 +132,12 @@ def assess(data: Data, outcome: Outcome, was_cut_short: bool) -> Diagnosis:
         noise=data.noise,
         baseline=baseline,
         explanation=explanation,
+        noise_problem=data.noise_problem,
         reserve_mask=data.reserve_mask,
-        reserve=data.reserve,
         rig_errors=component_intervals(rig, explanation.error_sds, unit, data.noise),
         baseline_atlas=data.residual_atlas(baseline, data.named_fit(baseline)),
         atlas=residual_atlas,
-        named_fit=named_fit,
+        named_fit=named,
         gaps=distances,
         strengths=strengths(search, explanation),
         remainder=unnamed,

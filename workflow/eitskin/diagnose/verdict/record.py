@@ -9,14 +9,12 @@ import pandas as pd
 from eitskin import cores
 from eitskin.data import recording as recordings
 from eitskin.data.recording import Recording
-from eitskin.diagnose.fitting.fit import rewhitened
-from eitskin.diagnose.fitting.held_out import HeldOut, held_out
 from eitskin.diagnose.fitting.query import predict
-from eitskin.diagnose.search.explanation import Explanation
 from eitskin.diagnose.search.journal import Journal
 from eitskin.diagnose.search.refits import as_reported
 from eitskin.diagnose.verdict import corrected
-from eitskin.diagnose.verdict.conclusion import certainty, document, held_out_p, unobservable
+from eitskin.diagnose.verdict.certainty import certainty
+from eitskin.diagnose.verdict.conclusion import document, unobservable
 from eitskin.diagnose.verdict.diagnosis import Diagnosis
 from eitskin.diagnose.verdict.experiment import propose
 from eitskin.effects import EFFECTS, catalogue_names
@@ -62,11 +60,12 @@ def record(diagnosis: Diagnosis, name: str, query: Recording | None = None) -> R
 
 def _decisions(diagnosis: Diagnosis) -> pd.DataFrame:
     """The decisions of the search, then those on the certainty of each effect, one a row."""
-    explanation, p_value = diagnosis.explanation, held_out_p(diagnosis)
+    explanation = diagnosis.explanation
     journal = Journal(decisions=[*diagnosis.search.journal.decisions])
     for index, effect in enumerate(explanation.effects):
-        for gate, value in certainty(diagnosis, index, p_value):
-            journal.judge(gate, value, effect, explanation)
+        for item in certainty(diagnosis, index):
+            for gate, value, place in [j for j in item if j.passed][:1] or item:
+                journal.judge(gate, value, effect, explanation, place)
     return journal.table()
 
 
@@ -101,8 +100,8 @@ def _arrays(diagnosis: Diagnosis) -> dict[str, np.ndarray]:
         "noise_source": np.array(noise.source),
         "noise_dof": np.array(float(noise.dof)),
         "channels": diagnosis.recording.channels,
-        "held_out": diagnosis.reserve_mask.all(axis=1).astype(int),
-        "held_out_channels": diagnosis.reserve_mask.all(axis=0),
+        "last": diagnosis.reserve_mask.all(axis=1).astype(int),
+        "last_channels": diagnosis.reserve_mask.all(axis=0),
         "press": search.problem.model.press,
         "recorded_V": search.problem.readings,
         "before_V": as_reported(search, baseline),
@@ -141,14 +140,10 @@ def _rivals(diagnosis: Diagnosis) -> pd.DataFrame:
     of the explanation. The first row is that of the explanation, with no effect; a rival that has
     no physics where its touches were displaced to has no row."""
 
-    def predicted(explanation: Explanation) -> HeldOut:
-        fitted = rewhitened(explanation.fit, diagnosis.named_fit.problem)
-        return held_out(fitted, diagnosis.search.folds)
-
     columns = ["effect", "instead", "chi2_per_dof", "elpd_difference", "gap"]
     if not diagnosis.explanation.effects:
         return pd.DataFrame(columns=columns)
-    all_named = predicted(diagnosis.explanation)
+    all_named = diagnosis.prediction
     rows = [("", "", all_named.chi2_per_dof, 0.0, np.nan)]
     for candidate, gaps, rivals in zip(
         diagnosis.explanation.effects, diagnosis.gaps, diagnosis.rivals, strict=True
@@ -157,7 +152,7 @@ def _rivals(diagnosis: Diagnosis) -> pd.DataFrame:
         gap_to[None] = gaps[0].snr if gaps else np.nan
         for rival in rivals:
             try:
-                score = predicted(rival.explanation)
+                score = diagnosis.prediction_by(rival.explanation)
             except InputError:
                 continue
             elpd, gap = score.gain(all_named)[0], gap_to.get(rival.name, np.nan)

@@ -41,8 +41,8 @@ VERDICTS = {
 MOST_LISTED, NEAREST = 6, 3  # sites, and names of alternatives; of more names the nearest
 CANDIDATES = (
     "The simulation leaves something out; names below that begin with Perhaps are candidates: the"
-    " fit as a whole is not acceptable, they do not stand out from what has no name, or that may be"
-    " all that tells them from another name."
+    " misfit that is left may account for them, another name or a calibration might do the same, or"
+    " their gain or their size may be chance."
 )
 CALIBRATIONS = {
     "conductivity_S_per_m": "the gel's conductivity",
@@ -90,6 +90,12 @@ def place_text(effect: dict) -> str:
 def is_certain(entry: dict) -> bool:
     """Whether an effect of diagnosis.json is a finding; else it is a candidate."""
     return entry.get("certain", True)
+
+
+def last_scores(diagnosis: dict) -> dict:
+    """The scores of diagnosis.json on readings that no decision read; where none were put aside,
+    and in files of earlier versions, those held out."""
+    return diagnosis["fit"].get("last") or diagnosis["fit"]["held_out"]
 
 
 def headline(diagnosis: dict) -> str:
