@@ -436,7 +436,10 @@ def _diagnose(arguments: argparse.Namespace) -> int:
                 ("", words.sentences(document))
             ]:
                 _say("\n".join([f"{head}:", *sentences] if head else sentences))
-            for sentence in words.bound_sentences(document["calibration"]):
+            for sentence in (
+                *words.unlabelled_sentences(document),
+                *words.bound_sentences(document["calibration"]),
+            ):
                 _say(sentence)
             sys.stdout.flush()
         page.write(folder, source, SCHEMA, report, None if arguments.query is None else predicted)

@@ -1,5 +1,6 @@
 """Score tests: their p-values are uniform by chance, alone and over the whole catalogue."""
 
+from copy import copy
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -11,7 +12,7 @@ from scipy.stats import binom, kstest
 from eitskin.diagnose.fitting.candidates import is_discrete
 from eitskin.diagnose.fitting.fit import fit
 from eitskin.diagnose.fitting.tangents import Tangents
-from eitskin.diagnose.search import channels
+from eitskin.diagnose.search import channels, tones
 from eitskin.diagnose.search.screen import (
     NullDistribution,
     best_few,
@@ -32,6 +33,23 @@ DRAWS = 150
 @pytest.fixture(scope="module")
 def tangents():
     return Tangents(calibrated(PROBLEM))
+
+
+def test_a_tone_is_not_sought_in_few_frames_and_without_their_duration(tangents):
+    tone = next(c for c in CATALOGUE if c.effect.tone)
+    frames = np.arange(len(PROBLEM.readings))
+
+    def scored(count, frame_s=PROBLEM.model.frame_s):
+        mask = PROBLEM.whitening.mask & (frames < count)[:, None]
+        model = copy(PROBLEM.model)
+        model.frame_s = frame_s
+        few = copy(tangents)
+        few.problem = replace(PROBLEM, model=model, whitening=replace(PROBLEM.whitening, mask=mask))
+        return tones.score(few, tone.effect, tone.skin, SCALES)
+
+    assert len(frames) > tones.LEAST_FRAMES and scored(len(frames)) is not None
+    assert scored(tones.LEAST_FRAMES - 1) is None
+    assert scored(len(frames), None) is None
 
 
 @pytest.fixture(scope="module")

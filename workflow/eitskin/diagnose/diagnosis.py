@@ -1,9 +1,11 @@
 """A recording diagnosed, from noise and calibration to search and remainder."""
 
 import sys
+from dataclasses import replace
 
 from threadpoolctl import threadpool_limits
 
+from eitskin.data.check.unlabelled import labelled, stretch_text
 from eitskin.data.recording import Recording, voltages
 from eitskin.diagnose.fitting.excerpt import LIMIT_GIB, excerpt
 from eitskin.diagnose.fitting.held_out import error_units
@@ -26,10 +28,11 @@ def diagnose(
 ) -> Diagnosis:
     """Diagnose a recording: locate, name and model what its simulation leaves out.
 
-    Of a long recording, an excerpt, as long as memory_GiB are expected to allow; a search on a few
-    frames of it is where that on all begins, or the effects of an earlier diagnosis where these
-    explain it: each has to be borne out. opened: pairs of a gate's and an effect's name, for which
-    the gate lets everything pass. Equal arguments give equal results, bit for bit. Raises
+    Frames in which somebody touched though no label tells are left out. Of a long recording, an
+    excerpt, as long as memory_GiB are expected to allow; a search on a few frames of it is where
+    that on all begins, or the effects of an earlier diagnosis where these explain it: each has to
+    be borne out. opened: pairs of a gate's and an effect's name, for which the gate lets everything
+    pass. Equal arguments give equal results, bit for bit. Raises
     InputError where nothing can be simulated, and where it would take more memory.
     """
     # Shared out among cores, small products take longer, and their sums are of other bytes.
@@ -52,6 +55,9 @@ def _diagnosed(
         if progress:
             print(f"  {line}", file=sys.stderr, flush=True)
 
+    recording, unlabelled = labelled(recording)
+    for frames in unlabelled:
+        report(f"a touch without a label in {stretch_text(frames)}, left out")
     count = len(recording.frames)
     recording = excerpt(recording, frame_limit(recording, memory_GiB))
     if len(recording.frames) < count:
@@ -59,4 +65,5 @@ def _diagnosed(
     noise, search, reserve_mask = prepared(recording, seed, report, journal)
     outcome, was_cut_short = searched(recording, search, seed, earlier)
     outcome = pruned(outcome, error_units(recording), noise.dof)
-    return assess(Data(recording, noise, reserve_mask, search.problem), outcome, was_cut_short)
+    data = Data(recording, noise, reserve_mask, search.problem)
+    return replace(assess(data, outcome, was_cut_short), unlabelled=tuple(unlabelled))

@@ -1,7 +1,9 @@
 """A recording with steps in time, diagnosed in parts: between steps lies one state of skin and rig.
 
 The diagnosis of the longest part is the recording's; those of the other parts stand beside it. What
-a step changed is judged as between two recordings, without a model of the skin.
+a step changed is judged as between two recordings, without a model of the skin. A part of few
+frames, which nothing could contradict, is left out: what changed is judged from the part before it
+to the part after it.
 """
 
 import sys
@@ -12,6 +14,7 @@ import numpy as np
 
 from eitskin.data import subset
 from eitskin.data.check.steps import steps
+from eitskin.data.check.unlabelled import labelled
 from eitskin.data.recording import Recording
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.compare.result import comparison
@@ -21,6 +24,9 @@ from eitskin.diagnose.verdict.diagnosis import Diagnosis
 from eitskin.diagnose.verdict.words import frame_range
 from eitskin.effects.effect import Setting
 from eitskin.errors import InputError
+
+FEWEST_FRAMES = 8  # of a part, beside the longest one
+TOO_SHORT = "{} frames are fewer than the {} that a part needs to be diagnosed; they are left out."
 
 
 def diagnose(
@@ -36,9 +42,11 @@ def diagnose(
     Raises InputError as `diagnosis.diagnose` does; where no part can be diagnosed, that of the
     longest.
     """
+    recording, unlabelled = labelled(recording)
     first_rows = [step.frame for step in steps(recording)]
     if not first_rows:
-        return diagnosis.diagnose(recording, seed, progress, memory_GiB, earlier)
+        whole = diagnosis.diagnose(recording, seed, progress, memory_GiB, earlier)
+        return _with_unlabelled(whole, unlabelled)
     rows = np.arange(len(recording.frames))
     bounds = pairwise([0, *first_rows, len(rows)])
     parts = [subset.of_frames(recording, (start <= rows) & (rows < end)) for start, end in bounds]
@@ -46,6 +54,10 @@ def diagnose(
     entries: list[dict] = []
     for part in sorted(parts, key=lambda part: -len(part.frames)):
         frames = _frame_numbers(part)
+        if _is_short(part, parts):
+            reason = TOO_SHORT.format(len(part.frames), FEWEST_FRAMES)
+            entries.append({"frames": frames, "refused": reason})
+            continue
         if progress:
             print(f"  of {frame_range(frames)}", file=sys.stderr, flush=True)
         try:
@@ -63,8 +75,40 @@ def diagnose(
     if longest is None:
         raise refusals[0]
     entries.sort(key=lambda entry: entry["frames"])
-    changes = [_change(*pair) for pair in pairwise(parts)]
-    return replace(longest, parts=tuple(entries), steps=tuple(changes))
+    changes = _changes(parts)
+    stepped = replace(longest, parts=tuple(entries), steps=tuple(changes))
+    return _with_unlabelled(stepped, unlabelled)
+
+
+def _with_unlabelled(found: Diagnosis, unlabelled: list[tuple[int, int]]) -> Diagnosis:
+    """A diagnosis with stretches of frames that were left out before it."""
+    if not unlabelled:
+        return found
+    return replace(found, unlabelled=tuple(sorted({*unlabelled, *found.unlabelled})))
+
+
+def _is_short(part: Recording, parts: list[Recording]) -> bool:
+    """Whether a part has too few frames to be diagnosed: never the longest."""
+    count = len(part.frames)
+    return count < FEWEST_FRAMES and count < max(len(other.frames) for other in parts)
+
+
+def _changes(parts: list[Recording]) -> list[dict]:
+    """What each step changed, since the last part before it that is not left out; that nothing is
+    told, of a step into a part that is, or without such a part before it."""
+    changes: list[dict] = []
+    control = None
+    for k, part in enumerate(parts):
+        is_short = _is_short(part, parts)
+        if k and (is_short or control is None):
+            few = part if is_short else parts[k - 1]
+            text = f"{frame_range(_frame_numbers(few)).capitalize()} are too few to tell a change."
+            entry = {"frame": _frame_numbers(part)[0], "sentences": [text], "difference": {}}
+            changes.append(entry)
+        elif control is not None:
+            changes.append(_change(control, part))
+        control = control if is_short else part
+    return changes
 
 
 def _frame_numbers(part: Recording) -> list[int]:

@@ -187,6 +187,24 @@ def test_which_frames_took_no_part_is_told(written):
     ]
 
 
+def test_frames_touched_without_a_label_are_told_and_no_excerpt(written):
+    evidence = read(written["explained"], *_rest(written["explained"]))
+    noise = {"components": [], "unlabelled": [[3, 5], [9, 9]]}
+    few = replace(
+        evidence,
+        frames=evidence.frames.drop(index=[3, 4, 5, 9]),
+        diagnosis=evidence.diagnosis | {"noise": noise},
+    )
+    assert omitted_frames(few) == [
+        "In frames 3 to 5 somebody touched the skin although no label tells; these frames are left"
+        " out.",
+        "In frame 9 somebody touched the skin although no label tells; this frame is left out.",
+    ]
+    count = len(few.frames) - 1
+    (_, _, excerpt) = omitted_frames(replace(few, frames=few.frames.iloc[1:]))
+    assert excerpt == f"An excerpt was diagnosed: {count} of {count + 5} frames."
+
+
 def test_what_was_put_aside_is_told(written, rig):
     frames = read(written["explained"], *_rest(written["explained"])).frames
     count = frames["last"].sum()

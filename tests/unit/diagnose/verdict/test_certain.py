@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from diagnosed_skin import SCHEMA
 from eitskin.data.subset import of_frames
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.fitting.candidates import Candidate, Scales
@@ -21,6 +22,7 @@ from eitskin.diagnose.search.gates import (
     UNAFFECTED,
 )
 from eitskin.diagnose.verdict import certainty, conclusion, record, words
+from eitskin.diagnose.verdict.validation import validate
 from eitskin.effects import EFFECTS
 from small_skin import SKIN, small_recording
 
@@ -207,6 +209,26 @@ def test_what_something_without_a_name_might_tell_from_another_is_a_candidate(fo
         assert effect["certain"] == certain
         judged = values(replace(found, remainder=left))
         assert (REMAINDER in judged) == (probability >= NOTHING_UNNAMED.threshold)
+
+
+def test_a_row_without_evidence_is_no_sentence_on_what_is_left(found):
+    evidence_free = "No evidence that drive 0 → 1 differs from the simulation in every frame."
+    for sentence, told in ((evidence_free, words.NO_PATTERN), ("Drive 3 differs.",) * 2):
+        left = replace(
+            found.remainder, probability=0.7, driver="static", law="constant", sentence=sentence
+        )
+        said = conclusion.document(replace(found, remainder=left), "skin")
+        assert said["other"]["sentence"] == told
+        assert said["other"]["law"] == (None if told == words.NO_PATTERN else "constant")
+        assert f"What has no name: {told}" in words.sentences(said)
+
+
+def test_a_stretch_without_a_label_stands_in_the_document(found):
+    said = conclusion.document(replace(found, unlabelled=((3, 9), (12, 12))), "skin")
+    assert said["noise"]["unlabelled"] == [[3, 9], [12, 12]]
+    validate(said, SCHEMA, "diagnosis.json")
+    assert words.unlabelled_sentences(said)[1].startswith("In frame 12 somebody touched")
+    assert "unlabelled" not in conclusion.document(found, "skin")["noise"]
 
 
 def test_of_many_names_that_it_cannot_be_told_from_the_nearest_are_said():

@@ -256,6 +256,8 @@ PLACES = ("noise", "components", 0)
         (("noise", "extra"), 1, "noise.extra: found an unknown key"),
         (("noise", "loud_frames"), [-1], "loud_frames"),
         (("noise", "jumps"), [1.5], "jumps"),
+        (("noise", "unlabelled"), [[3]], r"noise\.unlabelled\[0\]: found"),
+        (("noise", "unlabelled"), [[-3, 4]], r"noise\.unlabelled\[0\]\[0\]: found -3"),
         (("noise", "spikes", "share"), 1.5, "share"),
         ((*PLACES, "extra"), 1, "extra: found an unknown key"),
         ((*PLACES, "name"), "Place", "name"),

@@ -2,19 +2,22 @@
 
 import json
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from diagnosed_skin import SCHEMA
 from eitskin import cli
-from eitskin.data import recording
-from eitskin.data.recording import Recording
+from eitskin.data import recording, subset
+from eitskin.data.check.steps import Step
+from eitskin.data.recording import Recording, presses
 from eitskin.diagnose import diagnosis, parts
 from eitskin.diagnose.verdict import conclusion
 from eitskin.diagnose.verdict.validation import validate
 from eitskin.diagnose.verdict.words import part_sentences
 from eitskin.errors import InputError
+from proof.drawing import draw
 from small_skin import small_recording
 from witness import owned
 
@@ -28,6 +31,7 @@ class Told:
     recording: Recording
     parts: tuple = ()
     steps: tuple = ()
+    unlabelled: tuple = ()
 
 
 @pytest.fixture
@@ -126,6 +130,54 @@ def test_what_is_told_stands_at_the_top_and_among_the_parts():
     validate(said, SCHEMA, "diagnosis.json")
     assert said["parts"] == [other, told | {key: said[key] for key in conclusion.PART_KEYS}]
     assert "parts" not in conclusion.document(found, "skin")
+
+
+def test_a_part_of_few_frames_is_left_out_and_said_to_be(make_recording):
+    made = make_recording(presses=12)
+    made.voltage[33:38, 40] *= 1.3
+    cut = [subset.of_frames(made, mask) for mask in masks(len(made.frames), 33, 38)]
+    assert [parts._is_short(part, cut) for part in cut] == [False, True, False]
+    into, out = parts._changes(cut)
+    assert (into["frame"], out["frame"]) == (33, 38)
+    assert into["sentences"] == ["Frames 33 to 37 are too few to tell a change."]
+    assert out["difference"]["found"] == []
+
+
+@pytest.mark.parametrize("short", [True, False])
+def test_a_short_part_is_not_diagnosed(stepped, diagnosed, monkeypatch, short):
+    given, *_ = diagnosed
+    bounds = (5, STEPS[1]) if short else STEPS
+    starts = [Step(start, (start - 1, start), 1.0, None, (), ()) for start in bounds]
+    monkeypatch.setattr(parts, "steps", lambda recorded: starts)
+    found = parts.diagnose(stepped)
+    reasons = [part["refused"] for part in found.parts if "refused" in part]
+    assert reasons == [parts.TOO_SHORT.format(5, parts.FEWEST_FRAMES)] * short
+    assert len(given) == 3 - short and len(found.steps) == 2
+
+
+def masks(count, *bounds):
+    rows = np.arange(count)
+    return [(a <= rows) & (rows < b) for a, b in pairwise([0, *bounds, count])]
+
+
+def test_the_longest_part_is_never_left_out(make_recording):
+    made = make_recording(presses=0)
+    cut = [subset.of_frames(made, mask) for mask in masks(len(made.frames), 4, 9)]
+    shortened = [cut[0], cut[1]]
+    assert [parts._is_short(part, shortened) for part in shortened] == [True, False]
+
+
+def test_a_press_without_a_label_makes_no_parts(diagnosed):
+    recorded = draw("null", 0).recorded
+    hidden = presses(recorded) == 3
+    frames = recorded.frames.copy()
+    frames.loc[hidden, ["x_mm", "y_mm", "probe_mm", "depth_mm"]] = np.nan
+    frames.loc[hidden, "force_N"] = 0.0
+    frames.loc[hidden, "touch"] = False
+    found = parts.diagnose(replace(recorded, frames=frames))
+    first, last = np.flatnonzero(hidden)[[0, -1]]
+    assert found.parts == found.steps == () and found.unlabelled == ((first, last),)
+    assert len(found.recording.frames) == len(frames) - hidden.sum()
 
 
 def test_without_a_step_nothing_is_apart(make_recording, diagnosed):

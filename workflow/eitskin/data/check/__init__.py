@@ -1,9 +1,9 @@
 """Checks of a recording: its contents, its quality and what it cannot show, in plain words.
 
-`measures`, `wiring`, `missing`, `plausibility`, `response`, `clipping`, `compliance`, `exchange`
-and `steps` measure and grade; `sentences` puts it into words, `suspicions` only where something
-looks wrong. Errors make a recording unusable as it is: a wrong channel order, readings that no
-passive skin gives, readings that never change.
+`measures`, `wiring`, `missing`, `plausibility`, `response`, `clipping`, `compliance`, `exchange`,
+`unlabelled` and `steps` measure and grade; `sentences` puts it into words, `suspicions` only where
+something looks wrong. Errors make a recording unusable as it is: a wrong channel order, readings
+that no passive skin gives, readings that never change.
 """
 
 from pathlib import Path
@@ -21,6 +21,7 @@ __all__ = ["ERROR", "FACT", "UNOBSERVABLE", "WARNING", "Check", "check", "text",
 EXAMINATIONS = (  # of a recording with readings
     suspicions.constant_frames,
     suspicions.unseen_touches,
+    suspicions.unlabelled_touches,
     sentences.lost_readings,
     sentences.clipped_channels,
     sentences.noise,

@@ -13,6 +13,7 @@ import numpy as np
 
 from eitskin.data.baseline import sessions
 from eitskin.data.check.measures import NORMAL, channel_noise
+from eitskin.data.check.unlabelled import unlabelled_touches
 from eitskin.data.recording import Recording, presses
 
 WIDTHS, WINDOWS_PER_WIDTH = (2, 4, 8, 16), 4  # frames on either side; least frames over a width
@@ -50,12 +51,15 @@ def steps(recording: Recording) -> list[Step]:
     """All steps in order of time; none of differences, which have no untouched readings.
 
     A step needs two untouched frames before and two after it in its session, and MIN_SPLITS splits
-    of its kind, across presses or within a run of untouched frames.
+    of its kind, across presses or within a run of untouched frames. Frames in which somebody
+    touched though no label tells (`unlabelled`) count as touched.
     """
     if recording.voltage is None or recording.metadata["values"] == "difference":
         return []
     rows = np.flatnonzero(~recording.frames["touch"].to_numpy(dtype=bool))
     rows = rows[(np.nan_to_num(recording.voltage[rows]) != 0).any(axis=1)]
+    for first, last in unlabelled_touches(recording):
+        rows = rows[(rows < first) | (rows > last)]
     if len(rows) < MIN_SPLITS + 3:
         return []
     scaled = recording.voltage / channel_noise(recording.voltage[rows])

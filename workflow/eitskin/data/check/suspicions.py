@@ -2,7 +2,15 @@
 to its findings, which are empty where nothing looks wrong.
 """
 
-from eitskin.data.check import compliance, exchange, naming, plausibility, response, steps
+from eitskin.data.check import (
+    compliance,
+    exchange,
+    naming,
+    plausibility,
+    response,
+    steps,
+    unlabelled,
+)
 from eitskin.data.check.finding import ERROR, WARNING, Finding
 from eitskin.data.recording import Recording
 from eitskin.quantities import listed, percent
@@ -41,6 +49,21 @@ def unseen_touches(recording: Recording) -> list[Finding]:
         "Touches and readings may not belong together, or the probe does not reach the skin."
     )
     return [Finding("unseen", WARNING, sentence, unseen.p_value)]
+
+
+def unlabelled_touches(recording: Recording) -> list[Finding]:
+    """Stretches of frames, labelled untouched, that hold a touch (value: their frames)."""
+    findings = []
+    for first, last in unlabelled.unlabelled_touches(recording):
+        sentence = (
+            f"in {unlabelled.stretch_text((first, last))} somebody touched the skin although no"
+            " label tells: the readings leave the level of the untouched frames as a touch makes"
+            " them, and come back to it. A diagnosis leaves these frames out."
+        )
+        findings.append(
+            Finding("unlabelled", WARNING, sentence, float(last - first + 1), frame=first)
+        )
+    return findings
 
 
 def exchanged_channels(recording: Recording) -> list[Finding]:

@@ -21,6 +21,7 @@ from eitskin.physics.geometry import Geometry
 # Numerical error of a body that is solved at accuracy `train`, in most channels, over the median
 # |v|; and how many times this error the noise of a frame's mean must be to accept it.
 BODY_ERROR, NOISE_OVER_ERROR = 1e-4, 3.0
+FEW_FRAMES = 3  # whose mean has so much noise that no level is told from it
 
 
 def problem_of(
@@ -75,9 +76,9 @@ def noise_and_problem(
     """The noise of a recording, and the fitting problem of its readings less the reserve.
 
     The noise is first estimated from the readings alone, then from the residuals of the calibrated
-    simulation. Channels of which the reserve has all get the noise of their simulated level. Loud
-    frames and spikes are sought outside the reserve: of the reserve, only readings of a frame that
-    is loud in the others are rejected.
+    simulation. Channels of which the reserve has all get the noise of their simulated level, and so
+    do all channels of up to FEW_FRAMES frames. Loud frames and spikes are sought outside the
+    reserve: of the reserve, only readings of a frame that is loud in the others are rejected.
     """
     fitted = replace(recording, voltage=np.where(reserve_mask, np.nan, recording.readings))
     rough_noise = estimate_noise(fitted)
@@ -87,9 +88,11 @@ def noise_and_problem(
     calibrated = fit(problem, [], start, polish=True).voltage()
     simulated = np.where(model.simulable[:, None], calibrated, np.nan)
     if not (model.difference or model.touched.all()):
-        reserved_channels = np.isnan(fitted.readings).all(axis=0)
+        of_simulated = np.isnan(fitted.readings).all(axis=0)
+        # A law at a level that has the readings' own noise would make weights of this noise.
+        of_simulated |= len(fitted.frames) <= FEW_FRAMES
         level = np.abs(calibrated[~model.touched].mean(axis=0))
-        rough_noise = rough_noise.with_simulated_level(reserved_channels, level)
+        rough_noise = rough_noise.with_simulated_level(of_simulated, level)
     noise = refine_noise(fitted, rough_noise, simulated)
     return noise, problem_of(fitted, noise, model)[0], scales
 

@@ -17,8 +17,8 @@ from eitskin.data.recording import Recording
 from eitskin.diagnose.noise.coherent_rank import rank_above_noise
 from eitskin.diagnose.noise.converter import ROUNDING, converter_step, lasting_rounding_sd
 from eitskin.diagnose.noise.noise_model import NoiseModel, VarianceLaw
-from eitskin.diagnose.noise.outliers import MAD
 from eitskin.diagnose.noise.reciprocity import parity
+from eitskin.diagnose.noise.single_frame import single_frame_law
 
 FLOOR = 1e-6  # of the median |v|: no board resolves less
 ASSUMED = 1e-3  # of the median |v|, where nothing shows the noise: of an ordinary board
@@ -28,7 +28,6 @@ ROUNDS = 4  # in which the law and the number of modes follow each other
 FILL_ROUNDS, FILL_CHANGE = 5, 0.02  # for every mode, at most; the last one changes less, relatively
 SCORING_ROUNDS = 50  # of the law's likelihood, which converges in some ten
 LEAST_SHARE = 1e-9  # of the mean variance, that each term of the law has at least while it is found
-MEDIAN_EFFICIENCY = 0.37  # of the median absolute deviation, beside the variance
 
 
 @dataclass(frozen=True)
@@ -124,7 +123,7 @@ def estimate_noise(recording: Recording) -> NoiseModel:
     level = _untouched_level(recording)
     readings, row_count = _complete_readings(recording, level)
     if row_count < 2:
-        return _single_frame_noise(readings, typical, len(level))
+        return _single_frame_noise(readings, typical, level)
     # Under a wrong law noisy channels look like modes: the start that leaves the most is right.
     squared = readings.squared_level
     starts = [np.array([1.0, 0.0]), np.array([np.median(squared), 1.0])]
@@ -268,21 +267,25 @@ def _combined(witnesses: dict[str, _Witness], law: np.ndarray) -> tuple[list[str
     return [smaller], _law([witnesses[smaller]]), comparison
 
 
-def _single_frame_noise(readings: _CompleteReadings, typical: float, count: int) -> NoiseModel:
-    """Of one frame: the odd half by its median, which bounds the noise from above; else assumed.
-    typical: median |v|; count: of channels."""
+def _single_frame_noise(
+    readings: _CompleteReadings, typical: float, level: np.ndarray
+) -> NoiseModel:
+    """Of one frame: the odd half, which bounds the noise from above; else assumed. typical: median
+    |v|; level (M,): untouched, of all channels."""
     odd = readings.odd
+    floor = FLOOR * typical
     if odd.shape[1]:
-        spread = np.median(np.abs(readings.values[0] @ odd)) / MAD
+        contrasts = readings.values[0] @ odd
+        law, dof = single_frame_law(contrasts, (odd**2).T @ readings.squared_level)
         source = (
             f"the odd half of {odd.shape[1]} reciprocal contrasts in the only frame, an upper "
             "bound: one frame cannot tell noise from what drive and measurement do differently"
         )
-        sd, dof = max(spread, FLOOR * typical), MEDIAN_EFFICIENCY * odd.shape[1]
+        law = replace(law, floor=floor)
     else:
         source = (
             f"assumed, {ASSUMED:g} of the median reading: one frame without reciprocal pairs "
             "shows no noise"
         )
-        sd, dof = ASSUMED * typical, 1.0
-    return NoiseModel(np.full(count, sd), dof, source)
+        law, dof = VarianceLaw((ASSUMED * typical) ** 2, 0.0, floor), 1.0
+    return NoiseModel(law(level), dof, source, law=law)

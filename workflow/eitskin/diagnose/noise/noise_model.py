@@ -51,7 +51,7 @@ class NoiseModel:
     law: VarianceLaw | None = None
 
     def with_simulated_level(self, reserved: np.ndarray, level: np.ndarray) -> "NoiseModel":
-        """The same noise, in channels that are reserved (M,) by the law at their simulated
+        """The same noise, in channels of a mask `reserved` (M,) by the law at their simulated
         untouched level (M,): their own readings are not to be used."""
         if self.law is None:
             return self

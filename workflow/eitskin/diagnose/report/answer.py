@@ -21,6 +21,7 @@ from eitskin.diagnose.verdict.words import (
     range_text,
     repair_advice,
     sites_text,
+    unlabelled_sentences,
     value_texts,
 )
 from eitskin.effects.effect import SITES
@@ -130,9 +131,10 @@ def expected_misfit(evidence: Evidence) -> str:
 
 def omitted_frames(evidence: Evidence) -> list[str]:
     """Which frames took no part in the diagnosis, a sentence each."""
-    sentences = []
+    sentences = unlabelled_sentences(evidence.diagnosis)
+    stretches = evidence.diagnosis.get("noise", {}).get("unlabelled", [])
     count, total = len(evidence.frames), len(evidence.recording.frames)
-    if count < total:
+    if count < total - sum(last + 1 - first for first, last in stretches):
         sentences.append(f"An excerpt was diagnosed: {count} of {total} frames.")
     touched_frames = evidence.frames[evidence.frames["touch"]]
     incomplete = touched_frames[TOUCH_COLUMNS].isna().any(axis=1).sum()

@@ -12,14 +12,18 @@ from eitskin.effects.effect import Effect
 from eitskin.physics.skin import Skin
 
 OVERSAMPLING = 2.5  # of the periodogram: a tone between two lines loses a tenth of its power
+FREE_NUMBERS = 3  # of a tone: its frequency, sine and cosine
+LEAST_FRAMES = 2 * FREE_NUMBERS  # channels share one static misfit: samples are the frames
 MOST_LINES = 400_000  # of the periodogram: more take over a second
 
 
 def score(tangents: Tangents, effect: Effect, skin: Skin, scales: Scales) -> screen.Score | None:
     """The strongest tone (Scargle 1982) of the residual, from a quarter of a period a frame to a
-    channel's Nyquist frequency; None where nobody knows when channels are read."""
+    channel's Nyquist frequency; None where nobody knows when channels are read, and of fewer than
+    LEAST_FRAMES frames."""
     model = tangents.problem.model
-    if not model.frame_s:
+    frame_count = int(tangents.problem.whitening.mask.any(axis=1).sum())
+    if not model.frame_s or frame_count < LEAST_FRAMES:
         return None
     frequency, looks = strongest(
         tangents.problem.whitening.transposed(tangents.residual.reshape(tangents.voltage.shape)),

@@ -20,6 +20,7 @@ from eitskin.diagnose.verdict.diagnosis import Diagnosis
 from eitskin.diagnose.verdict.verdict import verdict
 from eitskin.effects import EFFECTS, catalogue_names
 
+NO_EVIDENCE = "No evidence that"  # of the atlas, on a row that is not significant
 PART_KEYS = ("verdict", "effects", "other", "fit")  # what diagnosis.json has of each part
 
 
@@ -59,14 +60,15 @@ def conclude(diagnosis: Diagnosis) -> Verdict:
     certainties, p_value = [e["certain"] for e in entries], held_out_p(diagnosis)
     summary = verdict(certainties, p_value, remainder.probability)
     fit = _fit(diagnosis)
+    has_pattern = not (remainder.sentence or "").startswith(NO_EVIDENCE)
     other = {
         "probability": remainder.probability,
         "electrodes": remainder.electrodes,
         "drives": remainder.drives,
         "measures": remainder.measures,
-        "driver": remainder.driver,
-        "law": remainder.law,
-        "sentence": remainder.sentence,
+        "driver": remainder.driver if has_pattern else None,
+        "law": remainder.law if has_pattern else None,
+        "sentence": remainder.sentence if has_pattern else words.NO_PATTERN,
     }
     part_content = dict(zip(PART_KEYS, (summary, entries, other, fit), strict=True))
     return Verdict(
@@ -86,10 +88,12 @@ def conclude(diagnosis: Diagnosis) -> Verdict:
 def _noise(diagnosis: Diagnosis) -> dict:
     """`noise` of diagnosis.json."""
     noise, recording = diagnosis.noise, diagnosis.recording
+    unlabelled = [list(frames) for frames in diagnosis.unlabelled]
     return {
         "components": diagnosis.rig_errors,
         "loud_frames": recording.frames["frame"].iloc[[*noise.loud_frames]].tolist(),
         "jumps": [step["frame"] for step in diagnosis.steps],
+        **({"unlabelled": unlabelled} if unlabelled else {}),
         "spikes": {
             "readings": noise.spike_count,
             "share": noise.spike_count / max(int((~diagnosis.reserve_mask).sum()), 1),

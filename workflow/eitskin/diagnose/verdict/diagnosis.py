@@ -35,6 +35,8 @@ class Diagnosis:
     explanation, nothing without a name in its covariance; gaps: of every effect, the nearest rival
     first; strengths: SNR of every name at a typical size. parts, steps: of a recording with steps
     in time, as diagnosis.json has them; this is the diagnosis of the part with the key `told`.
+    unlabelled: numbers of the first and last frame of stretches that were left out, for somebody
+    touched in them though no label tells.
     """
 
     recording: Recording
@@ -53,6 +55,7 @@ class Diagnosis:
     remainder: Remainder
     parts: tuple[dict, ...] = ()
     steps: tuple[dict, ...] = ()
+    unlabelled: tuple[tuple[int, int], ...] = ()
 
     @cached_property
     def rivals(self) -> list[list[Rival]]:

@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 
+from eitskin.data.check.unlabelled import stretch_text
 from eitskin.diagnose.fitting.estimates import UNINFORMATIVE_RATIO
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import Effect, site_of
@@ -44,6 +45,7 @@ CANDIDATES = (
     " misfit that is left may account for them, another name or a calibration might do the same, or"
     " their gain or their size may be chance."
 )
+NO_PATTERN = "More is left than chance leaves, without a pattern that a test knows."
 CALIBRATIONS = {
     "conductivity_S_per_m": "the gel's conductivity",
     "radius_mm": "the skin's radius",
@@ -113,6 +115,19 @@ def sentences(diagnosis: dict) -> list[str]:
         lines.append(" ".join(filter(None, [effect["sentence"], alternatives_sentence(effect)])))
     if diagnosis["other"]["sentence"]:
         lines.append(f"What has no name: {diagnosis['other']['sentence']}")
+    return lines
+
+
+def unlabelled_sentences(diagnosis: dict) -> list[str]:
+    """A sentence for each stretch of frames of diagnosis.json in which somebody touched though no
+    label tells."""
+    lines = []
+    for first, last in diagnosis.get("noise", {}).get("unlabelled", []):
+        frames = "this frame is" if first == last else "these frames are"
+        lines.append(
+            f"In {stretch_text((first, last))} somebody touched the skin although no label tells;"
+            f" {frames} left out."
+        )
     return lines
 
 

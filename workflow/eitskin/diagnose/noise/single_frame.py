@@ -1,0 +1,77 @@
+"""The law of the noise in a single frame, from the odd half of reciprocity.
+
+Each contrast of reciprocal channels holds noise alone, or a difference of drive and measurement,
+which is larger: sizes are those of a Student distribution, which outliers move little. Sd of a
+reading v is that of s^2 ((1 - w) v^2 + w m^2), m the usual reading: from proportional to the
+reading, w = 0, to alike in all channels, w = 1. The law is the mean over w by its posterior, for
+few contrasts tell it badly.
+"""
+
+from functools import cache
+
+import numpy as np
+from scipy.special import expit, logsumexp
+from scipy.stats import norm
+
+from eitskin.diagnose.noise.noise_model import VarianceLaw
+
+TAILS = 4.0  # degrees of freedom of the Student distribution
+MIXES = expit(np.linspace(-8.0, 8.0, 33))  # w, alike probable beforehand
+ROUNDS = 100  # of the scale's fixed point, which converges in some twenty
+QUANTILES = norm.ppf((np.arange(4000) + 0.5) / 4000)
+
+
+def single_frame_law(contrasts: np.ndarray, squared_level: np.ndarray) -> tuple[VarianceLaw, float]:
+    """The law of the noise by contrasts (P,) of unit combinations of channels, whose mean square
+    reading is `squared_level` (P,), and degrees of freedom of its scale, with the law's own
+    uncertainty at these levels."""
+    usual = float(np.median(squared_level))
+    if usual <= 0.0 or len(contrasts) < 2:
+        variance = _scale(contrasts[None], np.ones((1, len(contrasts))))
+        return VarianceLaw(float(variance[0]), 0.0), _efficiency() * len(contrasts)
+    shape = np.outer(1.0 - MIXES, squared_level) + np.outer(MIXES, np.full(len(contrasts), usual))
+    scale = _scale(np.tile(contrasts, (len(MIXES), 1)), shape)
+    variance = scale[:, None] * shape
+    student = variance * _student_scale()
+    log_density = -0.5 * np.log(student) - 0.5 * (TAILS + 1.0) * np.log1p(
+        contrasts**2 / (TAILS * student)
+    )
+    log_weight = log_density.sum(axis=1)
+    weight = np.exp(log_weight - logsumexp(log_weight))
+    law = VarianceLaw(
+        float(weight @ (scale * MIXES)) * usual, float(weight @ (scale * (1.0 - MIXES)))
+    )
+    mean_log = weight @ np.log(variance)
+    spread = float((weight @ (np.log(variance) - mean_log) ** 2).mean())
+    return law, 2.0 / (2.0 / (_efficiency() * len(contrasts)) + spread)
+
+
+def _scale(contrasts: np.ndarray, shape: np.ndarray) -> np.ndarray:
+    """(W,): factor of variances `shape` (W, P), by contrasts (W, P), consistent for normal ones."""
+    ratio = contrasts**2 / shape
+    return _fixed_point(ratio) / _student_scale()
+
+
+def _fixed_point(ratio: np.ndarray) -> np.ndarray:
+    """(W,): squared scale of a Student distribution of the greatest likelihood, by squares (W, P)
+    of its values."""
+    scale = np.maximum(np.median(ratio, axis=-1), np.finfo(float).tiny)
+    for _ in range(ROUNDS):
+        weight = (TAILS + 1.0) / (TAILS + ratio / scale[..., None])
+        scale = np.maximum((weight * ratio).mean(axis=-1), np.finfo(float).tiny)
+    return scale
+
+
+@cache
+def _student_scale() -> float:
+    """The squared scale that a Student distribution gets of unit normal values."""
+    return float(_fixed_point(QUANTILES[None] ** 2)[0])
+
+
+@cache
+def _efficiency() -> float:
+    """Of the scale for normal values, beside the variance: its degrees of freedom a value."""
+    ratio = QUANTILES**2 / _student_scale()
+    score = (TAILS + 1.0) * ratio / (TAILS + ratio) - 1.0
+    slope = (TAILS + 1.0) * TAILS * ratio / (TAILS + ratio) ** 2
+    return float(2.0 * slope.mean() ** 2 / (score**2).mean())
