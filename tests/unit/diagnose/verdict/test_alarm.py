@@ -11,7 +11,7 @@ from eitskin.diagnose.verdict.remainder import probability, remainder
 def rows_of(p_values):
     """An atlas of as many rows, the value of each by its p-value."""
     rows = [
-        ("constant: electrode", str(k), 1.0, 1, p, p, "A sentence.")
+        ("constant: electrode", str(k), 1.0, 1, p, p, p, "A sentence.")
         for k, p in enumerate(sorted(p_values))
     ]
     return pd.DataFrame(rows, columns=COLUMNS)

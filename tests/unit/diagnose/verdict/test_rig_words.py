@@ -18,6 +18,7 @@ UNITS = {
     "place-per-frame": "mm",
     "place-per-press": "mm",
     "force-per-frame": "N",
+    "channel-wander": "V",
     "force-per-press": "1",
     "force-zero-walk": "N",
 }

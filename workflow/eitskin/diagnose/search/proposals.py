@@ -23,6 +23,7 @@ from eitskin.diagnose.search.gates import (
     SIGNATURE,
     STARTS,
     SURPRISE,
+    Gate,
 )
 from eitskin.diagnose.search.journal import Refusal
 from eitskin.diagnose.search.prediction import cost_for, is_gross
@@ -179,6 +180,7 @@ def _with_absorbed(search: Search, explanation: Explanation, listed: list[Score]
     them, have taken to themselves were open, the best first, and the listed scores of other names:
     until sds are learned again, what is alike in all presses is the rig's too."""
     best: dict[str, Score] = {}
+    names_listed = {score_test.candidate.name for score_test in listed}
     names = [
         name
         for name, sd in explanation.error_sds.items()
@@ -188,7 +190,7 @@ def _with_absorbed(search: Search, explanation: Explanation, listed: list[Score]
     if len(names) > 1:
         left_out.append(tuple(names))
     for components in left_out:
-        for score_test in _without_components(search, explanation, components):
+        for score_test in _without_components(search, explanation, components, names_listed):
             name = score_test.candidate.name
             if name not in best or score_test.log_evidence > best[name].log_evidence:
                 best[name] = score_test
@@ -197,10 +199,10 @@ def _with_absorbed(search: Search, explanation: Explanation, listed: list[Score]
 
 
 def _without_components(
-    search: Search, explanation: Explanation, components: tuple[str, ...]
+    search: Search, explanation: Explanation, components: tuple[str, ...], names_listed: set[str]
 ) -> list[Score]:
     """The best scores of names where some components are not in the covariance, as many as
-    COMPETING admits. Without them a candidate's information is no less, so that the score with them
+    COMPETING admits; names that are listed anyway are not refused by it. Without them a candidate's information is no less, so that the score with them
     bounds that without."""
     assert explanation.rig is not None
     base = linearised(search, explanation)
@@ -219,18 +221,23 @@ def _without_components(
         p = chance_p_value(gain, score_test.dof)
         if ABSORBED.admits(global_p(search, p)):
             bounds.setdefault(candidate.name, []).append((p, candidate))
+
+    def passes(gate: Gate, value: float, candidate: Candidate) -> bool:
+        if candidate.name in names_listed:
+            return gate.admits(value)
+        return search.journal.judge(gate, value, candidate, explanation)
+
     best_scores = [_least(tangents, pairs) for pairs in bounds.values()]
     significant = [
         s
         for s in best_scores
-        if s is not None
-        and search.journal.judge(ABSORBED, global_p(search, s.p_value), s.candidate, explanation)
+        if s is not None and passes(ABSORBED, global_p(search, s.p_value), s.candidate)
     ]
     significant.sort(key=lambda s: -s.log_evidence)
     return [
         replace(s, absorbed=True)
         for rank, s in enumerate(significant, start=1)
-        if search.journal.judge(COMPETING, rank, s.candidate, explanation)
+        if passes(COMPETING, rank, s.candidate)
     ]
 
 
