@@ -202,8 +202,8 @@ def _without_components(
     search: Search, explanation: Explanation, components: tuple[str, ...], names_listed: set[str]
 ) -> list[Score]:
     """The best scores of names where some components are not in the covariance, as many as
-    COMPETING admits; names that are listed anyway are not refused by it. Without them a candidate's information is no less, so that the score with them
-    bounds that without."""
+    COMPETING admits; names that are listed anyway are not refused by it. Without them a candidate's
+    information is no less, so that the score with them bounds that without."""
     assert explanation.rig is not None
     base = linearised(search, explanation)
     sds: Mapping[str, float] = {**explanation.error_sds, **dict.fromkeys(components, 0.0)}
