@@ -6,7 +6,9 @@ import pytest
 from scipy.stats import binomtest, kstest
 
 from eitskin.data.recording import Recording, presses
-from eitskin.diagnose.verdict.atlas import COLUMNS, atlas
+from eitskin.diagnose.noise.reciprocity import parity
+from eitskin.diagnose.verdict.atlas import COLUMNS, atlas, repeat_p_value
+from eitskin.diagnose.verdict.remainder import remainder
 from eitskin.effects.settings import settings, site_counts
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
@@ -363,3 +365,57 @@ def test_two_sessions(small):
     planted[30:, 3] += 5.0 * small.sd
     table = small.ask(planted, frames=frames)
     assert q_of(table, "session: any channel", "tuesday") < 1e-6
+
+
+def lasting(shape, correlation, seed):
+    """(N, M) first-order noise of unit variance."""
+    noise = np.random.default_rng(seed).standard_normal(shape)
+    for row in range(1, len(noise)):
+        noise[row] = correlation * noise[row - 1] + np.sqrt(1.0 - correlation**2) * noise[row]
+    return noise
+
+
+def remainder_of(bench, residual):
+    recording = bench.recording(bench.clean)
+    return remainder(atlas(recording, residual, bench.clean / bench.sd, bench.gain()))
+
+
+@pytest.mark.parametrize("correlation", [0.8, 0.97])
+def test_noise_that_the_covariance_does_not_know_is_nothing_without_a_name(ring, correlation):
+    """White to the covariance, it lasts: rows by the covariance alone would be alarms."""
+    shape, alarms = ring.clean.shape, 0
+    for seed in range(12):
+        residual = lasting(shape, correlation, seed)
+        table = atlas(ring.recording(ring.clean), residual, ring.clean / ring.sd, ring.gain())
+        lasting_rows = ~table["statistic"].str.startswith(("time", "press", "everything"))
+        alarms += table[lasting_rows]["p"].min() < 1e-6
+        assert remainder(table).probability < 0.5
+    assert alarms == 12
+
+
+def test_what_a_skin_does_stands_out_of_noise_that_lasts(ring):
+    even = parity(ring.channels)[1][:, 20]
+    residual = lasting(ring.clean.shape, 0.9, 1)
+    assert remainder_of(ring, residual + 3.0 * ring.frames["touch"].to_numpy()[:, None] * even)
+    touched = ring.frames["touch"].to_numpy(float)[:, None]
+    left = remainder_of(ring, residual + 8.0 * touched * even)
+    assert left.probability > 0.5 and left.sentence is not None
+
+
+@pytest.mark.parametrize("course", ["time", "press"])
+def test_change_with_time_alone_or_in_one_press_is_the_rig_s(ring, course):
+    noise = np.random.default_rng(3).standard_normal(ring.clean.shape)
+    profile = np.random.default_rng(4).standard_normal(len(ring.channels))
+    time = ring.frames["time_s"].to_numpy()
+    along = time / time[-1] - 0.5 if course == "time" else (ring.press == 3).astype(float)
+    assert remainder_of(ring, noise + 3.0 * along[:, None] * profile).probability < 0.5
+
+
+@pytest.mark.parametrize(("units", "size"), [(5, 1), (12, 1), (12, 20)])
+def test_p_values_of_what_repeats_have_no_need_of_a_covariance(units, size):
+    rng = np.random.default_rng(6)
+    root = rng.standard_normal((size, size)) * np.geomspace(1.0, 30.0, size)
+    p = [repeat_p_value(rng.standard_normal((units, size)) @ root) for _ in range(400)]
+    assert np.mean(np.array(p) < 0.05) < 0.08 and np.mean(np.array(p) < 0.5) > 0.35
+    constant = 3.0 * np.abs(root).sum(axis=0)
+    assert repeat_p_value(rng.standard_normal((units, size)) @ root + constant) < 0.02

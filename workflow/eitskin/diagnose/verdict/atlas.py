@@ -9,9 +9,9 @@ the false discovery rate is that of Benjamini & Yekutieli (Ann. Statist. 29, 200
 independence.
 
 What the covariance does not know of a rig makes such parts longer than it allows. `free_p` has no
-need of a covariance: a part must be longer than its scatter from press to press lets expect, or
-than its odd half does, for noise of any spectrum has as much of it in the odd half of reciprocity,
-where no skin has any.
+need of a covariance: a part must be longer than its odd half lets expect, for noise of any spectrum
+has as much of it in the odd half of reciprocity, where no skin has any; without such a half, longer
+than its scatter from press to press does, which takes noise for shorter than a press.
 """
 
 from collections.abc import Iterator
@@ -97,12 +97,11 @@ class _Projection:
         square = float(total @ total)
         if dof == 0:
             return square, dof, 1.0
-        p_values = [repeat_p_value(products)] if len(products) >= LEAST_UNITS else []
         odd_square, odd_dof = self._odd
         if odd_dof >= LEAST_COMBINATIONS:
             ratio = square / dof / max(odd_square / odd_dof, ZERO_LENGTH)
-            p_values.append(float(f.sf(ratio, dof, odd_dof)))
-        return square, dof, min(1.0, len(p_values) * min(p_values, default=0.0))
+            return square, dof, float(f.sf(ratio, dof, odd_dof))
+        return square, dof, repeat_p_value(products) if len(products) >= LEAST_UNITS else 0.0
 
     @cached_property
     def _odd(self) -> tuple[float, int]:
