@@ -29,13 +29,16 @@ MOST_COMPARED = 400  # frames among which the usual level is sought
 BREAK, LOUD = 1.5, 3.0
 MOST_LOUD_SHARE = 0.4  # of a loud frame's change, that a touch at one place explains
 MOST_LOUD = 0.2  # of the frames: more are no exception
+MOST_OFF = 0.5  # of the frames, off the usual level: of more, loud ones are not sought
 MOST_BREAKS = 24  # in a stretch, beyond its first one
 MARGINS = (0, 1, 2, 4)  # frames beside those that differ clearly, that may be the stretch's
+MOST_RUNS = 200  # of frames that differ clearly, that are tried with these margins
 LEVEL_FRAMES = 3  # at most, whose mean is the level before a stretch, or after it
 MOST_RETURN = 0.1  # of a stretch's mean square, by which the levels beside it may differ
 RETURN_SD = 4.0  # or as much, in sd of the mean square of noise
 MOST_REST = 0.7  # of what the levels differ by, that is along the stretch's change: else it lasts
 AMPLITUDE_SD = 4.0  # of a frame's part of the change that all of a stretch share, at least
+POWER_STEPS = 8  # to the pattern of a change, which a touch makes along one direction
 LEAST_ENERGY = 100.0  # squared length of the change beyond noise, in units of it
 # Of the square of a change beyond noise, that a touch at one place must explain; and how much more
 # than the channels of one electrode hold of it. Touches of `witness` reach 0.78 to 0.99 and exceed
@@ -43,9 +46,8 @@ LEAST_ENERGY = 100.0  # squared length of the change beyond noise, in units of i
 MIN_EXPLAINED, MIN_MARGIN = 0.78, 0.02
 MAX_LABELLED = 0.8  # of it, that the labelled press beside it explains: then it is that press's end
 MAX_REFERENCES = 200  # labelled frames, that tell whether touches raise the conductivity
-WANDER = (
-    3.0  # times what a stretch's touch changes from before it to after it, that an edge exceeds
-)
+WANDER = 3.0  # times the difference of the levels beside a stretch, that an edge of it exceeds
+BLOCK_FRAMES = 1000  # compared with all places at once: 20 MB
 
 
 def unlabelled_touches(recording: Recording) -> list[tuple[int, int]]:
@@ -131,6 +133,8 @@ class _Untouched:
         """(U,) bool: frames of readings (U, M) that are not loud."""
         size = (readings**2).mean(axis=1)
         loud = size > LOUD * max(1.0, np.quantile(size, 0.25))
+        if loud.mean() > MOST_OFF:
+            return np.ones(len(size), bool)
         amplitudes = self._amplitudes(readings[loud])
         loud[loud] = np.abs(amplitudes) < MOST_LOUD_SHARE * self.width * size[loud]
         return ~loud if loud.mean() <= MOST_LOUD else np.ones(len(size), bool)
@@ -169,9 +173,11 @@ class _Untouched:
 
     def _amplitudes(self, changes: np.ndarray) -> np.ndarray:
         """(K,): signed squares of the touch at one place that explains most of each change."""
-        products = changes @ self._projection
-        best = np.argmax(np.abs(products), axis=1)
-        amplitude = products[np.arange(len(changes)), best]
+        amplitude = np.zeros(len(changes))
+        for start in range(0, len(changes), BLOCK_FRAMES):
+            products = changes[start : start + BLOCK_FRAMES] @ self._projection
+            best = np.argmax(np.abs(products), axis=1)
+            amplitude[start : start + BLOCK_FRAMES] = products[np.arange(len(best)), best]
         return amplitude * np.abs(amplitude)
 
     @cached_property
@@ -217,8 +223,9 @@ class _Untouched:
         size = (self.readings**2).mean(axis=1)
         off = size > BREAK * max(1.0, np.quantile(size, 0.25))
         turns = np.flatnonzero((np.diff(off.astype(int)) != 0) | (np.diff(self.run) != 0)) + 1
+        margins = MARGINS if len(turns) <= 2 * MOST_RUNS else MARGINS[:1]
         for first, end in pairwise([0, *turns.tolist(), len(off)]):
-            for margin, end_margin in product(MARGINS, MARGINS):
+            for margin, end_margin in product(margins, margins):
                 begin, last = first - margin, end - 1 + end_margin
                 inside = begin > 0 and last < len(off) - 1
                 if off[first] and inside and self.run[begin] == self.run[last]:
@@ -248,15 +255,16 @@ class _Untouched:
         rest = abs(float(gap @ pattern))
         if rest > max(AMPLITUDE_SD * np.sqrt(level_noise), MOST_REST * np.linalg.norm(gap)):
             return None
-        gap_energy = gap_excess * self.width
-        gap_touch = np.abs(self._amplitudes(gap[None])[0])
-        if gap_energy > LEAST_ENERGY and gap_touch > MIN_EXPLAINED * gap_energy:
-            return None
         for beside in (before[first - 1], after[last + 1]):
             if beside @ pattern > max(AMPLITUDE_SD, MOST_REST * np.linalg.norm(beside)):
                 return None
         if (change @ pattern < AMPLITUDE_SD * np.sqrt(noise)).any():
             return None
+        gap_energy = gap_excess * self.width
+        if gap_energy > LEAST_ENERGY:
+            of_touch = np.abs(self._amplitudes(gap[None])[0])
+            if of_touch > MIN_EXPLAINED * gap_energy:
+                return None
         return change, noise
 
     def _is_touch(self, change: np.ndarray, noise: float, rows: np.ndarray) -> bool:
@@ -277,8 +285,8 @@ class _Untouched:
         beside = [row for row in (rows[0] - 1, rows[-1] + 1) if 0 <= row < len(touched)]
         labelled_changes = self._labelled(np.array([row for row in beside if touched[row]], int))
         length = np.linalg.norm(labelled_changes, axis=1)
-        product = change @ (labelled_changes / np.where(length > 0.0, length, 1.0)[:, None]).T
-        return bool(((product**2).sum(axis=0) <= MAX_LABELLED * energy).all())
+        shared = change @ (labelled_changes / np.where(length > 0.0, length, 1.0)[:, None]).T
+        return bool(((shared**2).sum(axis=0) <= MAX_LABELLED * energy).all())
 
     def stretches(self) -> list[np.ndarray]:
         """Rows of the stretches that hold a touch, the longest first, none in two."""
@@ -315,8 +323,11 @@ class _Untouched:
 
 
 def _pattern(change: np.ndarray) -> np.ndarray:
-    """(M,): the unit vector that most of a change (K, M) is along."""
-    pattern = np.linalg.svd(change, full_matrices=False)[2][0]
+    """(M,): the unit vector that most of a change (K, M) is along, by the power method."""
+    pattern = change[np.argmax((change**2).sum(axis=1))]
+    for _ in range(POWER_STEPS):
+        pattern = change.T @ (change @ (pattern / np.linalg.norm(pattern)))
+    pattern = pattern / np.linalg.norm(pattern)
     return pattern if (change @ pattern).sum() > 0.0 else -pattern
 
 
