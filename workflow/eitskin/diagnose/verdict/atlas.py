@@ -39,18 +39,23 @@ COLUMNS = ["statistic", "site", "value", "dof", "p", "q", "free_p", "sentence"]
 
 
 def atlas(
-    recording: Recording, residual: np.ndarray, simulated: np.ndarray, fitted: np.ndarray
+    recording: Recording,
+    residual: np.ndarray,
+    simulated: np.ndarray,
+    fitted: np.ndarray,
+    noise_dof: float = np.inf,
 ) -> pd.DataFrame:
     """One row a statistic and site: statistic, site, value, dof, p, q, free_p, sentence; by p.
 
     residual, simulated (N, M): recording less simulation, and the simulation, both over the
     noise's sd; NaN where lost. fitted (N M, P): directions that were fitted, in the same units.
+    noise_dof: degrees of freedom of the noise's scale; infinite where that is known.
     Where the values are differences, each channel's constant counts as fitted. Rows whose
     directions were all fitted, or that the frames have no information for, are left out.
     """
     misfit = _Misfit(recording, residual, simulated, fitted)
     rows = [row for row in _rows(misfit) if row.dof > 0]
-    p = np.array([float(chi2.sf(row.value, row.dof)) for row in rows])
+    p = np.array([_p_value(row.value, row.dof, noise_dof) for row in rows])
     q = false_discovery_control(p, method="by")
     table = pd.DataFrame(
         [
@@ -392,6 +397,13 @@ def _amplitude_rows(misfit: _Misfit) -> Iterator[_Row]:
         claim = f"the misfit goes with the {name} of the reading"
         profile = np.ones((value.shape[1], 1))
         yield _Row(f"amplitude: {name}", "", claim, *projection.explained(profile))
+
+
+def _p_value(square: float, dof: int, noise_dof: float) -> float:
+    """Of a squared length in noise units whose scale is known as well as noise_dof values tell."""
+    if np.isinf(noise_dof):
+        return float(chi2.sf(square, dof))
+    return float(f.sf(square / dof, dof, noise_dof))
 
 
 def _unfitted(products: np.ndarray, shared: np.ndarray) -> tuple[np.ndarray, int]:

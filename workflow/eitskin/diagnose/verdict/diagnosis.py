@@ -103,7 +103,8 @@ class Data:
         simulated = np.where(mask, fitted.voltage(), np.nan)
         columns = fitted.jacobian.reshape(len(fitted.theta), -1).T
         residual = np.where(mask, fitted.residual, np.nan)
-        return atlas(self.recording, residual, simulated / self.noise.sd, columns)
+        simulated = simulated / self.noise.sd
+        return atlas(self.recording, residual, simulated, columns, self.noise.dof)
 
     def named_fit(self, explanation: Explanation) -> Fit:
         """The fit of an explanation where nothing without a name is in its covariance; beside
