@@ -17,6 +17,7 @@ from eitskin.diagnose.search.refits import reduced
 from eitskin.diagnose.verdict import identities, words
 from eitskin.diagnose.verdict.certainty import certainty, held_out_p, is_certain, least_gain
 from eitskin.diagnose.verdict.diagnosis import Diagnosis
+from eitskin.diagnose.verdict.remainder import changes
 from eitskin.diagnose.verdict.verdict import verdict
 from eitskin.effects import EFFECTS, catalogue_names
 
@@ -94,6 +95,7 @@ def _noise(diagnosis: Diagnosis) -> dict:
         "loud_frames": recording.frames["frame"].iloc[[*noise.loud_frames]].tolist(),
         "jumps": [step["frame"] for step in diagnosis.steps],
         **({"unlabelled": unlabelled} if unlabelled else {}),
+        "changes": changes(diagnosis.atlas),
         "spikes": {
             "readings": noise.spike_count,
             "share": noise.spike_count / max(int((~diagnosis.reserve_mask).sum()), 1),

@@ -19,6 +19,7 @@ from eitskin.diagnose.search.prediction import is_unlike, likeness, named_predic
 from eitskin.diagnose.search.refits import named_fit
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.verdict.atlas import atlas
+from eitskin.diagnose.verdict.common_parts import common_parts
 from eitskin.diagnose.verdict.gaps import Gap, gaps, strengths
 from eitskin.diagnose.verdict.remainder import Remainder, remainder, unlike_remainder
 from eitskin.diagnose.verdict.rivals import Rival, rivals
@@ -130,6 +131,8 @@ def assess(data: Data, outcome: Outcome, was_cut_short: bool) -> Diagnosis:
     named = data.named_fit(explanation)
     residual_atlas = data.residual_atlas(explanation, named)
     unnamed = _remainder(search, explanation, residual_atlas)
+    parts = common_parts(explanation.fit, rig)
+    components = component_intervals(rig, explanation.error_sds, unit, data.noise)
     return Diagnosis(
         recording=data.recording,
         search=search,
@@ -138,7 +141,12 @@ def assess(data: Data, outcome: Outcome, was_cut_short: bool) -> Diagnosis:
         explanation=explanation,
         noise_problem=data.noise_problem,
         reserve_mask=data.reserve_mask,
-        rig_errors=component_intervals(rig, explanation.error_sds, unit, data.noise),
+        rig_errors=[
+            {**component, "common": parts[component["name"]]}
+            if component["name"] in parts
+            else component
+            for component in components
+        ],
         baseline_atlas=data.residual_atlas(baseline, data.named_fit(baseline)),
         atlas=residual_atlas,
         named_fit=named,

@@ -71,6 +71,15 @@ def unlike_remainder(likeness: float) -> Remainder:
     return Remainder(probability(0.0), 0.0, [], [], [], None, None, sentence, np.inf)
 
 
+def changes(atlas: pd.DataFrame) -> list[str]:
+    """Sentences on what changes with time alone, or in one press alone, without a name: the row of
+    least p-value of each PASSING statistic that is a discovery by the covariance and without it."""
+    passing = atlas["statistic"].str.partition(":")[0]
+    discovered = (atlas["q"] < DISCOVERY) & (atlas["free_p"] < DISCOVERY) & passing.isin(PASSING)
+    rows = atlas[discovered].groupby(passing[discovered], sort=False).first()
+    return rows["sentence"].tolist()
+
+
 def remainder(atlas: pd.DataFrame) -> Remainder:
     """What the atlas of the final residual shows.
 

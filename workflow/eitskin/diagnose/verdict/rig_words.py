@@ -40,7 +40,8 @@ def component_sentence(component: dict) -> str:
 
 
 def noise_sentences(noise: dict) -> list[str]:
-    """`noise` of diagnosis.json, a sentence each: components, loud frames, spikes, jumps."""
+    """`noise` of diagnosis.json, a sentence each: components, loud frames, spikes, jumps, and what
+    changes with time or in one press without a name."""
     sentences = [component_sentence(component) for component in noise["components"]]
     loud, spikes, jumps = (noise.get(key) for key in ("loud_frames", "spikes", "jumps"))
     if loud:
@@ -54,6 +55,8 @@ def noise_sentences(noise: dict) -> list[str]:
     if jumps:
         place = _frames_text(jumps).lower()
         sentences.append(f"At {place} the readings jump: the rig did not stay the same.")
+    for sentence in noise.get("changes", ()):
+        sentences.append(f"{sentence} A rig's ordinary errors do so, too.")
     return sentences
 
 
