@@ -36,7 +36,7 @@ export MKL_NUM_THREADS = 1
 export PYTHONDONTWRITEBYTECODE =
 
 .DELETE_ON_ERROR:
-.PHONY: run small paper concealed concealed_final demo-capture test test-long durations coverage rehearse cluster lint docs real bench accuracy clean
+.PHONY: run small paper concealed concealed_final demo-capture test test-long durations coverage rehearse cluster lint docs real bench mutants accuracy clean
 
 run: .venv/installed
 	@echo "eitskin: simulating, training and diagnosing on $(CORES) cores; Ctrl-C stops it, make again goes on"
@@ -130,6 +130,10 @@ bench: .venv/installed-test
 	@echo "eitskin: timing against pyEIT, SciPy and limits; benchmarks/README.md; keep the machine free meanwhile"
 	@$(BIN)/python -m benchmark.speed
 	@$(BIN)/python -m benchmark.page
+
+mutants: .venv/installed-test
+	@echo "eitskin: making rules that decide wrong, one by one; some minutes"
+	@$(BIN)/python -m benchmark.mutants benchmarks/mutants.yaml
 
 accuracy: .venv/installed
 	@echo "eitskin: measuring the forward model's numerical error"
