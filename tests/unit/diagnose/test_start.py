@@ -72,7 +72,7 @@ def test_a_tone_is_one_of_as_many_as_were_looked_at():
     tone = next(c for c in CANDIDATES if c.effect.tone)
     model = PROBLEM.model
     time_s = model.states["time_s"].to_numpy()
-    _, looks = tones.strongest(np.ones((len(time_s), len(CHANNELS))), time_s, model.frame_s)
+    _, looks, _ = tones.strongest(np.ones((len(time_s), len(CHANNELS))), time_s, model.frame_s)
     assert tones.at_frequency(tone, 50.0, model).looks == looks > 100
 
 

@@ -139,6 +139,16 @@ SIGNATURE = Gate(
     SEARCH,
     "it changes nothing in these readings that the calibrations and the named effects do not",
 )
+LINE = Gate(
+    "line",
+    "power of the tone over the median of the frequencies around it",
+    20.0,
+    "above",
+    "evidence",
+    "exponential distribution of a periodogram: 20 medians are a chance of 1e-6 a frequency",
+    "tones",
+    "its power is {value} times that of the frequencies around it; a line is above {threshold}",
+)
 REACH = Gate(
     "reach",
     "squared length of the effect's change over chi squared",

@@ -18,6 +18,7 @@ from eitskin.diagnose.search.gates import (
     BUDGET,
     COMPETING,
     HOPE,
+    LINE,
     RACE,
     REACH,
     SIGNATURE,
@@ -66,17 +67,29 @@ def _scores(search: Search, explanation: Explanation, tangents: Tangents) -> lis
             of_channel = channels.scores(tangents, candidate)
             ranked += [s for s in of_channel if s.candidate.scope == "sparse" or hopeless]
         elif candidate.effect.tone:
-            ranked.append(tones.score(tangents, candidate.effect, candidate.skin, candidate.scales))
+            ranked.append(_tone_score(search, explanation, tangents, candidate))
         elif not is_discrete(candidate):
             ranked.append(score(tangents, candidate))
             if candidate.scope == "dense":
                 ranked.append(best_few(tangents, candidate))
     draw_null(search, tangents)
     scored = sorted((s for s in ranked if s is not None), key=lambda s: -s.log_evidence)
-    for name in dict.fromkeys(c.name for c in open_candidates):
+    for name in dict.fromkeys(c.name for c in open_candidates if not c.effect.tone):
         if name not in {s.candidate.name for s in scored}:
             search.journal.judge(SIGNATURE, False, name, explanation)
     return scored
+
+
+def _tone_score(
+    search: Search, explanation: Explanation, tangents: Tangents, candidate: Candidate
+) -> Score | None:
+    """The score of the strongest tone; None where there is none that stands out as a line."""
+    tone = tones.score(tangents, candidate.effect, candidate.skin, candidate.scales)
+    if tone is None:
+        search.journal.judge(SIGNATURE, False, candidate.name, explanation)
+        return None
+    is_line = search.journal.judge(LINE, tone[1], tone[0].candidate, explanation)
+    return tone[0] if is_line else None
 
 
 def draw_null(search: Search, tangents: Tangents) -> None:

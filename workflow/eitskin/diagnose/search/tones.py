@@ -17,15 +17,17 @@ LEAST_FRAMES = 2 * FREE_NUMBERS  # channels share one static misfit: samples are
 MOST_LINES = 400_000  # of the periodogram: more take over a second
 
 
-def score(tangents: Tangents, effect: Effect, skin: Skin, scales: Scales) -> screen.Score | None:
+def score(
+    tangents: Tangents, effect: Effect, skin: Skin, scales: Scales
+) -> tuple[screen.Score, float] | None:
     """The strongest tone (Scargle 1982) of the residual, from a quarter of a period a frame to a
-    channel's Nyquist frequency; None where nobody knows when channels are read, and of fewer than
-    LEAST_FRAMES frames."""
+    channel's Nyquist frequency, and its power over that around it, as of `strongest`; None where
+    nobody knows when channels are read, and of fewer than LEAST_FRAMES frames."""
     model = tangents.problem.model
     frame_count = int(tangents.problem.whitening.mask.any(axis=1).sum())
     if not model.frame_s or frame_count < LEAST_FRAMES:
         return None
-    frequency, looks = strongest(
+    frequency, looks, prominence = strongest(
         tangents.problem.whitening.transposed(tangents.residual.reshape(tangents.voltage.shape)),
         model.states["time_s"].to_numpy(),
         model.frame_s,
@@ -35,7 +37,7 @@ def score(tangents: Tangents, effect: Effect, skin: Skin, scales: Scales) -> scr
     if len(tangents.columns(candidate)) < 2:
         return None
     score_test = screen.score(tangents, candidate)
-    return None if score_test is None else replace(score_test, choices=looks)
+    return None if score_test is None else (replace(score_test, choices=looks), prominence)
 
 
 def at_frequency(candidate: Candidate, frequency_Hz: float, model: RecordingSimulator) -> Candidate:
@@ -62,11 +64,13 @@ def _looks(total: float, width: int, frame_s: float) -> int:
     return int(np.ceil(2 * total * _coarse(width, frame_s)[-1]))
 
 
-def strongest(weighted: np.ndarray, time_s: np.ndarray, frame_s: float) -> tuple[float, int]:
-    """Frequency in Hz of the strongest tone in weighted residuals (N, M), and how many independent
-    frequencies were looked at.
+def strongest(weighted: np.ndarray, time_s: np.ndarray, frame_s: float) -> tuple[float, int, float]:
+    """Frequency in Hz of the strongest tone in weighted residuals (N, M), how many independent
+    frequencies were looked at, and its power over the median of the coarse step around it: noise
+    that neighbouring channels share is as strong there.
 
-    Coarse: each frame's spectrum over its channels; fine: the frames' phases together.
+    Coarse: each frame's spectrum over its channels; fine: the frames' phases together. The
+    strongest tone is the one of most power over that median, where it is above the median of all.
     """
     _, width = weighted.shape
     total = _duration_s(time_s, frame_s)
@@ -82,5 +86,8 @@ def strongest(weighted: np.ndarray, time_s: np.ndarray, frame_s: float) -> tuple
     turned = spectra * np.exp(-2j * np.pi * np.outer(time_s, coarse))
     phases = np.exp(-2j * np.pi * np.outer(fine, time_s))
     power = np.abs(phases @ turned) ** 2
-    i, j = np.unravel_index(np.argmax(power), power.shape)
-    return float(coarse[j] + fine[i]), _looks(total, width, frame_s)
+    around = np.median(power, axis=0)
+    background = np.maximum(around, np.median(around))
+    i, j = np.unravel_index(np.argmax(power / background), power.shape)
+    prominence = float(power[i, j] / max(background[j], np.finfo(float).tiny))
+    return float(coarse[j] + fine[i]), _looks(total, width, frame_s), prominence
