@@ -111,7 +111,7 @@ def test_noise_of_its_own_beside_what_was_drawn(case):
     steady = NoiseModel(case.noise_V, 1e4, "by hand")
     _, true, found, _ = rig_sizes._of_noise(loud, loud.rig[0], steady)
     assert found == 0.0 and round(true * len(case.clean)) == round(0.03 * len(case.clean))
-    noise = replace(steady, spectrum=Spectrum.first_order(0.9))
+    noise = replace(steady, spectrum=Spectrum((0.9,), (1.0,)))
     slow, _ = with_error(case, "correlated-noise", 0.9)
     lasts, _, found, log_sd = rig_sizes._of_noise(slow, slow.rig[0], noise)
     assert lasts == found == pytest.approx(-1.0 / np.log(0.9)) and log_sd < rig_sizes.TELLABLE_SD

@@ -29,7 +29,7 @@ from eitskin.diagnose.noise.components import (
 from eitskin.diagnose.noise.noise_model import NORMAL_90, NoiseModel
 from eitskin.diagnose.noise.rig_errors import RigErrors
 from eitskin.diagnose.noise.scoring import Scoring, ScoringCache
-from eitskin.diagnose.noise.spectrum import Spectrum
+from eitskin.diagnose.noise.spectrum import WHITE, Spectrum
 from eitskin.diagnose.noise.whitening import Whitening
 from eitskin.diagnose.search import refits
 from eitskin.diagnose.search.staging import prepared
@@ -87,7 +87,8 @@ def made(names=tuple(SIZES), seed=0, correlation=0.0, lost=0.1, assumed=()):
     }
     mask = draw.random(shape) >= lost
     sd = 3e-4 * draw.uniform(0.7, 1.4, CHANNELS)
-    plain = Whitening(mask, sd, np.zeros(CHANNELS), Spectrum.first_order(correlation))
+    spectrum = Spectrum((correlation,), (1.0,)) if correlation else WHITE
+    plain = Whitening(mask, sd, np.zeros(CHANNELS), spectrum)
     columns = {name: np.where(mask, columns[name], 0.0) for name in names}
     prior_sds = {name: COMPONENTS[name].prior_sd for name in names}
     displacements = {"place-per-press": [("x_mm", np.ones(FRAMES)), ("y_mm", np.ones(FRAMES))]}
@@ -445,7 +446,7 @@ def test_intervals_do_not_depend_on_the_units_of_others():
 def test_intervals_are_those_of_the_contract():
     rig = made([*SIZES, "quadrature"], correlation=0.4)
     sizes = {**SIZES, "common-noise": 0.0, "quadrature": 2e-4}
-    noise = NoiseModel(rig.noise_whitening.sd, 400.0, "given", spectrum=Spectrum.first_order(0.4))
+    noise = NoiseModel(rig.noise_whitening.sd, 400.0, "given", spectrum=Spectrum((0.4,), (1.0,)))
     found = {f["name"]: f for f in component_intervals(rig, sizes, "ohm", noise)}
     units = {name: one["unit"] for name, one in found.items()}
     assert units == {
@@ -473,10 +474,10 @@ def test_a_correlation_is_as_sure_as_the_values_it_was_found_from():
         draws[row] = rho * draws[row - 1] + np.sqrt(1.0 - rho**2) * draws[row]
     own = (draws[1:] * draws[:-1]).reshape(frames - 1, 100, 40).sum(axis=(0, 2))
     own /= (draws[:-1] ** 2).reshape(frames - 1, 100, 40).sum(axis=(0, 2))
-    noise = NoiseModel(np.ones(40), 40.0 * frames, "given", spectrum=Spectrum.first_order(rho))
+    noise = NoiseModel(np.ones(40), 40.0 * frames, "given", spectrum=Spectrum((rho,), (1.0,)))
     (one,) = component_intervals(made(), {}, "V", noise)
     assert np.isclose((one["high"] - one["low"]) / (2.0 * NORMAL_90), np.std(own), rtol=0.25)
-    few = replace(noise, dof=2.0, spectrum=Spectrum.first_order(0.9))
+    few = replace(noise, dof=2.0, spectrum=Spectrum((0.9,), (1.0,)))
     (one,) = component_intervals(made(), {}, "V", few)
     assert one["high"] == 1.0 and 0.0 < one["low"] < 0.9
 

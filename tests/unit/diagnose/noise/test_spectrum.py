@@ -10,7 +10,7 @@ from eitskin.diagnose.noise.spectrum import MOST_WAVES, WHITE, Spectrum
 from eitskin.diagnose.noise.temporal_correlation import FrameSeries, temporal_correlation
 
 SPECTRA = [
-    Spectrum.first_order(0.7),
+    Spectrum((0.7,), (1.0,)),
     Spectrum((0.9,), (0.4,)),
     Spectrum((0.95, 0.3), (0.5, 0.2)),
     Spectrum((0.99, 0.7, 0.2), (0.3, 0.3, 0.1)),

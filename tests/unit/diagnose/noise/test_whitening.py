@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eitskin.diagnose.noise.low_rank import BATCH_COLUMNS
-from eitskin.diagnose.noise.spectrum import Spectrum
+from eitskin.diagnose.noise.spectrum import WHITE, Spectrum
 from eitskin.diagnose.noise.whitening import MOST_LINKED_IN_SINGLE, ErrorColumns, Whitening
 
 LEAK = "in lasting noise a press's error reaches the frame after it, of another press or of none"
@@ -74,8 +74,10 @@ def test_values_of_several_axes_are_whitened_alike():
 
 def spectrum_of(correlation):
     """White noise at 0, one process below a half, and else two beside white noise."""
+    if not correlation:
+        return WHITE
     if correlation < 0.5:
-        return Spectrum.first_order(correlation)
+        return Spectrum((correlation,), (1.0,))
     return Spectrum((correlation, 0.4), (0.5, 0.2))
 
 

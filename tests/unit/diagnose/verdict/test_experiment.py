@@ -219,7 +219,7 @@ def test_presses_go_on_in_the_rhythm_of_the_recording():
 
 def test_noise_lasts_over_new_frames_by_their_numbers():
     taken, sd = recorded(RADIUS, [2.0], 1e-6)
-    problem, _ = problem_of(taken, replace(sd, spectrum=Spectrum.first_order(0.5)))
+    problem, _ = problem_of(taken, replace(sd, spectrum=Spectrum((0.5,), (1.0,))))
     rows, last = np.array([0, 3, 4, 9]), len(taken.frames) - 1
     sequel = experiment._Sequel(taken, problem.model, rows)
     covariance = sequel.design(None, problem.whitening, 2).whitening

@@ -22,11 +22,6 @@ class Spectrum:
     correlations: tuple[float, ...] = ()
     shares: tuple[float, ...] = ()
 
-    @classmethod
-    def first_order(cls, correlation: float) -> "Spectrum":
-        """One process without white noise; white noise for a correlation of 0."""
-        return cls((correlation,), (1.0,)) if correlation else cls()
-
     def __bool__(self) -> bool:
         """Whether something lasts from one frame to the next."""
         return bool(self.shares)
