@@ -26,6 +26,7 @@ from eitskin.diagnose.fitting.fit import (
 from eitskin.diagnose.fitting.held_out import FOLDS, folds, held_out
 from eitskin.diagnose.fitting.jacobian import Jacobian
 from eitskin.diagnose.noise.noise_model import NORMAL_90
+from eitskin.diagnose.noise.spectrum import Spectrum
 from eitskin.diagnose.noise.whitening import Whitening
 from eitskin.physics.protocol import reciprocal_channels
 from small_skin import CHANNELS, METADATA, calibrated, candidates_of, problem_of, small_recording
@@ -219,7 +220,7 @@ def test_what_a_fold_leaves_is_undone_from_its_own_refit():
     """Noise that lasts shares a frame with the next, which another fold may have left out."""
     found, recorded = linear(1, frames=12, channels=5, size=4)
     fold = np.arange(12) % 3
-    whitening = replace(found.problem.whitening, sd=np.ones(5), correlation=0.9)
+    whitening = replace(found.problem.whitening, sd=np.ones(5), spectrum=Spectrum((0.9,), (1.0,)))
     slopes = Jacobian(whitening(found.jacobian))
     found.problem.residual = lambda theta, effects: whitening(
         recorded - np.tensordot(theta, found.jacobian, 1)

@@ -7,6 +7,7 @@ import pytest
 
 from eitskin.diagnose.fitting.fit import _slopes, derivative, fit, gauss_newton_step, rewhitened
 from eitskin.diagnose.fitting.jacobian import Jacobian
+from eitskin.diagnose.noise.spectrum import Spectrum
 from eitskin.diagnose.noise.whitening import ErrorColumns
 from small_skin import CHANNELS, candidates_of, problem_of, small_recording
 
@@ -57,7 +58,9 @@ def rigged(problem, each):
     sizes = {"channel": 0, "frame": 0, "whole": 0, each: 2}
     shape, sd = problem.readings.shape, problem.whitening.sd
     columns = {k: sd * draw.normal(size=(count, *shape)) for k, count in sizes.items()}
-    whitening = replace(problem.whitening, correlation=0.3, errors=ErrorColumns(**columns))
+    whitening = replace(
+        problem.whitening, spectrum=Spectrum((0.3,), (1.0,)), errors=ErrorColumns(**columns)
+    )
     return replace(problem, whitening=whitening)
 
 

@@ -23,6 +23,7 @@ ATLAS = {
     "dof": NUMBER,
     "p": NUMBER,
     "q": NUMBER,
+    "free_p": NUMBER,
     "sentence": TEXT,
 }
 TABLES = {

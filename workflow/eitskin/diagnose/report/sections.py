@@ -257,13 +257,13 @@ def atlas(evidence: Evidence) -> str:
         if discoveries.empty:
             lines.append(f"<p>None of {len(statistics)} statistics is significant.</p>")
             continue
-        heads = ["statistic", "site", "value", "dof", "p", "q", "in words"]
+        heads = ["statistic", "site", "value", "dof", "p", "q", "free p", "in words"]
         rows = [
             [
                 escape(row.statistic),
                 escape(row.site),
                 *(number(size) for size in (row.value, row.dof)),
-                *(escape(chance(probability)) for probability in (row.p, row.q)),
+                *(escape(chance(probability)) for probability in (row.p, row.q, row.free_p)),
                 escape(row.sentence),
             ]
             for row in discoveries.head(MOST_ROWS).itertuples()
@@ -272,9 +272,10 @@ def atlas(evidence: Evidence) -> str:
         caption = (
             f"{count} at a false discovery rate of {percent(DISCOVERY)}{excerpt}. Value: its χ², as"
             " large as dof where nothing is missing; p: the chance of as much then; q: the expected"
-            " share of false discoveries among it and all rows above it."
+            " share of false discoveries among it and all rows above it; free p: the chance of as much"
+            " beside its odd half of reciprocity, whatever the noise lasts."
         )
-        lines.append(table(heads, rows, ("value", "dof", "p", "q"), caption))
+        lines.append(table(heads, rows, ("value", "dof", "p", "q", "free p"), caption))
     return "\n".join(lines)
 
 
