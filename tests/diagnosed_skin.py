@@ -273,6 +273,7 @@ def _atlas(residual: np.ndarray) -> pd.DataFrame:
             "dof": dof,
             "p": p,
             "q": q,
+            "free_p": p,
             "sentence": [
                 f"Channels that use electrode {k} are off the same way." for k in range(16)
             ],

@@ -272,8 +272,8 @@ def atlas(evidence: Evidence) -> str:
         caption = (
             f"{count} at a false discovery rate of {percent(DISCOVERY)}{excerpt}. Value: its χ², as"
             " large as dof where nothing is missing; p: the chance of as much then; q: the expected"
-            " share of false discoveries among it and all rows above it; free p: the chance of as much"
-            " beside its odd half of reciprocity, whatever the noise lasts."
+            " share of false discoveries among it and all rows above it; free p: the chance of as"
+            " much beside its odd half of reciprocity, whatever the noise lasts."
         )
         lines.append(table(heads, rows, ("value", "dof", "p", "q", "free p"), caption))
     return "\n".join(lines)
