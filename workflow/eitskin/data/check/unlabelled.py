@@ -62,6 +62,8 @@ def unlabelled_touches(recording: Recording) -> list[tuple[int, int]]:
         return []
     touched = recording.frames["touch"].to_numpy(bool)
     rows = np.flatnonzero(~touched & (np.nan_to_num(recording.voltage) != 0).any(axis=1))
+    if len(rows) < FEWEST_FRAMES:
+        return []
     usable = np.isnan(recording.voltage[rows]).mean(axis=0) <= MOST_LOST
     if usable.sum() < FEWEST_CHANNELS:
         return []
