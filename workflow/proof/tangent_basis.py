@@ -76,7 +76,7 @@ def _columns(refit: Refit, at_recording: Tangents, at_query: Tangents) -> _Colum
     candidates = [c for c in refit.search.candidates if not is_discrete(c) and c.name != MAINS]
     like = candidates[0]
     tone = tones.score(at_recording, MainsInterference(), like.skin, like.scales)
-    candidates += [] if tone is None else [tone.candidate]
+    candidates += [] if tone is None else [tone[0].candidate]
     names: list[tuple[Candidate, int]] = []
     groups: list[tuple[Candidate, np.ndarray]] = []
     places: dict[tuple, list[int]] = {}  # columns of single sites
