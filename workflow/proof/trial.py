@@ -4,9 +4,11 @@ import json
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
+
+import numpy as np
 
 from eitskin.data import check, importers, recording
 from eitskin.data.recording import Recording
@@ -37,6 +39,7 @@ def trial(kind: str, seed: int) -> dict:
     """
     case: Case = draw(kind, seed)
     diagnosed, seconds = ledger.timed(partial(diagnosis.diagnose, case.recorded))
+    case = _diagnosed_frames(case, diagnosed.recording)
     query = Recording(case.query, None, None, None, dict(case.metadata))
     voltage, sd = predict(diagnosed.explanation.fit, diagnosed.recording, query)
     plain, _ = predict(diagnosed.baseline.fit, diagnosed.recording, query)
@@ -65,6 +68,19 @@ def trial(kind: str, seed: int) -> dict:
         "other_p": diagnosed.remainder.p_value,
         "hidden": {**rmse, **band_numbers(error, sd, case.noise_V)},
     }
+
+
+def _diagnosed_frames(case: Case, recording: Recording) -> Case:
+    """A case without the frames that its diagnosed recording was left without."""
+    rows = np.isin(case.states["frame"], recording.frames["frame"])
+    states, true_states = (s[rows].reset_index(drop=True) for s in (case.states, case.true_states))
+    return replace(
+        case,
+        states=states,
+        true_states=true_states,
+        clean=case.clean[rows],
+        voltage=case.voltage[rows],
+    )
 
 
 def skin(kind: str, seed: int) -> dict:
