@@ -8,6 +8,7 @@ from scipy.stats import binomtest, kstest
 from eitskin.data.recording import Recording, presses
 from eitskin.diagnose.noise.reciprocity import parity
 from eitskin.diagnose.verdict.atlas import COLUMNS, atlas, repeat_p_value
+from eitskin.diagnose.verdict.passing import without_passing
 from eitskin.diagnose.verdict.remainder import remainder
 from eitskin.effects.settings import settings, site_counts
 from eitskin.physics.protocol import channel_table
@@ -410,6 +411,27 @@ def test_change_with_time_alone_or_in_one_press_is_the_rig_s(ring, course):
     time = ring.frames["time_s"].to_numpy()
     along = time / time[-1] - 0.5 if course == "time" else (ring.press == 3).astype(float)
     assert remainder_of(ring, noise + along[:, None] * profile).probability < 0.5
+
+
+@pytest.mark.parametrize("course", ["time", "press"])
+def test_a_large_change_that_passes_leaves_nothing_behind_where_it_is_taken_out(ring, course):
+    """Of a misfit that follows the force in all presses, enough stays."""
+    even = parity(ring.channels)[1]
+    draw = np.random.default_rng(4)
+    profile = even @ draw.standard_normal((even.shape[1], 2))
+    noise = draw.standard_normal(ring.clean.shape)
+    time = ring.frames["time_s"].to_numpy()
+    along = time / time[-1] - 0.5 if course == "time" else (ring.press == 3).astype(float)
+    force = ring.frames["force_N"].to_numpy() / 10.0
+    for size, alarm in ((0.0, False), (2.0, True)):
+        residual = noise + 4.0 * along[:, None] * profile[:, 0]
+        residual += size * force[:, None] * profile[:, 1]
+        recording = ring.recording(ring.clean)
+        table = atlas(recording, residual, ring.clean / ring.sd, ring.gain())
+        assert remainder(table).probability > 0.5
+        left = without_passing(recording, residual, table)
+        table = atlas(recording, left, ring.clean / ring.sd, ring.gain())
+        assert (remainder(table).probability > 0.5) == alarm
 
 
 @pytest.mark.parametrize(("units", "size"), [(5, 1), (12, 1), (12, 20)])

@@ -11,6 +11,7 @@ from eitskin.diagnose.verdict.remainder import (
     LARGEST_LOG_FACTOR,
     PRIOR,
     WEIGHT,
+    changes,
     log_bayes_factor,
     probability,
     remainder,
@@ -46,6 +47,12 @@ def test_what_is_left_is_as_long_as_the_row_that_has_most():
     assert remainder(told[told["statistic"] == "everything"]).snr == 0.0
     quiet = told.assign(value=told["dof"] / 2.0)
     assert remainder(quiet).snr == 0.0
+
+
+def test_of_a_table_without_a_discovery_nothing_passes():
+    rows = [("press: any channel", "3", 10.0, 1, 0.5, 1.0, 0.5, "A.")]
+    for told in (pd.DataFrame(rows, columns=COLUMNS), pd.DataFrame([], columns=COLUMNS)):
+        assert changes(told) == [] and remainder(told).probability < 0.5
 
 
 def test_readings_of_no_such_skin_are_said_to_be_none():

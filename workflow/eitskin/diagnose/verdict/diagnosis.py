@@ -14,6 +14,7 @@ from eitskin.diagnose.fitting.linearisation import linearised_rig_errors
 from eitskin.diagnose.noise.component_sds import component_intervals
 from eitskin.diagnose.noise.noise_model import NoiseModel
 from eitskin.diagnose.search.explanation import Explanation
+from eitskin.diagnose.search.gates import NOTHING_UNNAMED
 from eitskin.diagnose.search.growth import Outcome, cut_short
 from eitskin.diagnose.search.prediction import is_unlike, likeness, named_prediction
 from eitskin.diagnose.search.refits import named_fit
@@ -21,6 +22,7 @@ from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.verdict.atlas import atlas
 from eitskin.diagnose.verdict.common_parts import common_parts
 from eitskin.diagnose.verdict.gaps import Gap, gaps, strengths
+from eitskin.diagnose.verdict.passing import discovered, without_passing
 from eitskin.diagnose.verdict.remainder import Remainder, remainder, unlike_remainder
 from eitskin.diagnose.verdict.rivals import Rival, rivals
 
@@ -92,9 +94,11 @@ class Data:
     reserve_mask: np.ndarray
     noise_problem: Problem
 
-    def residual_atlas(self, explanation: Explanation, fitted: Fit) -> pd.DataFrame:
+    def residual_atlas(
+        self, explanation: Explanation, fitted: Fit, passing: pd.DataFrame | None = None
+    ) -> pd.DataFrame:
         """The atlas of the residual of a fit of an explanation, with what the rig's errors move in
-        a frame free in every frame."""
+        a frame free in every frame; passing: an atlas of it, of which what passes is taken out."""
         rig = explanation.rig
         if rig is not None and not replaces_instrument(explanation.effects):
             sds = rig.free_in_frames(explanation.error_sds)
@@ -104,6 +108,8 @@ class Data:
         simulated = np.where(mask, fitted.voltage(), np.nan)
         columns = fitted.jacobian.reshape(len(fitted.theta), -1).T
         residual = np.where(mask, fitted.residual, np.nan)
+        if passing is not None:
+            residual = without_passing(self.recording, residual, passing)
         simulated = simulated / self.noise.sd
         return atlas(self.recording, residual, simulated, columns, self.noise.dof)
 
@@ -131,6 +137,11 @@ def assess(data: Data, outcome: Outcome, was_cut_short: bool) -> Diagnosis:
     named = data.named_fit(explanation)
     residual_atlas = data.residual_atlas(explanation, named)
     unnamed = _remainder(search, explanation, residual_atlas)
+    if not (NOTHING_UNNAMED.admits(unnamed.probability) or discovered(residual_atlas).empty):
+        # An alarm must last without what changes with time alone, or in one press alone.
+        lasting_atlas = data.residual_atlas(explanation, named, residual_atlas)
+        lasting = _remainder(search, explanation, lasting_atlas)
+        unnamed = lasting if NOTHING_UNNAMED.admits(lasting.probability) else unnamed
     parts = common_parts(explanation.fit, rig)
     components = component_intervals(rig, explanation.error_sds, unit, data.noise)
     return Diagnosis(

@@ -8,13 +8,12 @@ import pandas as pd
 
 from eitskin.diagnose.search.gates import NOTHING_UNNAMED
 from eitskin.diagnose.verdict.atlas import DISCOVERY
+from eitskin.diagnose.verdict.passing import discovered, is_passing
 
 PRIOR = 0.05  # that physics outside the catalogue is present, before looking
 # What a Bayes factor's logarithm counts, and the largest that it may be: a p-value is no smaller
 # than the covariance is true. Of the logistic regression that `proof.other_probability` makes.
 WEIGHT, LARGEST_LOG_FACTOR = 0.82, 5.0
-# What goes with time alone, or is in one press alone, a rig's ordinary errors do as well.
-PASSING = ("time", "order", "session", "press")
 DRIVERS = {  # of the statistics of the atlas
     "dwell": "time",
     "force": "force",
@@ -72,27 +71,22 @@ def unlike_remainder(likeness: float) -> Remainder:
 
 
 def changes(atlas: pd.DataFrame) -> list[str]:
-    """Sentences on what changes with time alone, or in one press alone, without a name: the row of
-    least p-value of each PASSING statistic that is a discovery by the covariance and without it."""
-    passing = atlas["statistic"].str.partition(":")[0]
-    discovered = (atlas["q"] < DISCOVERY) & (atlas["free_p"] < DISCOVERY) & passing.isin(PASSING)
-    rows = atlas[discovered].groupby(passing[discovered], sort=False).first()
-    return rows["sentence"].tolist()
+    """Sentences on what changes with time alone, or in one press alone, without a name."""
+    return discovered(atlas)["sentence"].tolist()
 
 
 def remainder(atlas: pd.DataFrame) -> Remainder:
     """What the atlas of the final residual shows.
 
     The p-value of a row is the larger of that by the covariance and that without. The p-value of
-    the remainder is that of the least one of the atlas's rows but the PASSING, among n of them,
+    the remainder is that of the least one of the atlas's n rows but those on what passes,
     1 - (1 - p)^n: rows overlap, so that it is no less (Šidák 1967).
     """
-    statistics = atlas["statistic"].str.partition(":")[0]
-    decisive = atlas[~statistics.isin(("everything", *PASSING))]
+    decisive = atlas[(atlas["statistic"] != "everything") & ~is_passing(atlas)]
     rows = decisive.assign(p=np.maximum(decisive["p"], decisive["free_p"]))
     rows = rows.sort_values("p", kind="stable")
     smallest_p = float(rows["p"].min()) if len(rows) else 1.0
-    p = float(-np.expm1(len(rows) * np.log1p(-min(smallest_p, 1.0 - 1e-16))))
+    p = float(-np.expm1(max(len(rows), 1) * np.log1p(-min(smallest_p, 1.0 - 1e-16))))
     chance = probability(p)
     snr = float(np.sqrt(max((rows["value"] - rows["dof"]).max(), 0.0))) if len(rows) else 0.0
     if NOTHING_UNNAMED.admits(chance):
