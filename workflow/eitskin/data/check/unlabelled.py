@@ -103,7 +103,7 @@ def stretch_text(frames: tuple[int, int] | list[int]) -> str:
 
 class _Untouched:
     """Frames that count as untouched, U of M usable channels, in units of each channel's noise and
-    across a common factor of all readings, from the level that most frames share.
+    across a common factor and a common offset of readings, from the level that most frames share.
 
     rows (U,): of the recording, without loud ones; readings (U, M).
     """
@@ -117,7 +117,8 @@ class _Untouched:
         self.scatter = np.sqrt(2.0 / self.width)  # sd of the mean square of noise
         scaled = np.where(np.isfinite(values), values, median) / self.sd
         self.level = _usual_level(scaled)
-        self.direction = self.level / (np.linalg.norm(self.level) or 1.0)
+        common = np.column_stack([self.level, 1.0 / self.sd])
+        self.directions = np.linalg.qr(common)[0]
         readings = self._across(scaled)
         self.is_quiet = self._quiet(readings)
         self.rows, self.readings = rows[self.is_quiet], readings[self.is_quiet]
@@ -127,9 +128,9 @@ class _Untouched:
         self.time = recording.frames["time_s"].to_numpy(float)[self.rows]
 
     def _across(self, scaled: np.ndarray) -> np.ndarray:
-        """Values (K, M) in noise units, less the level, across a common factor."""
+        """Values (K, M) in noise units, less the level, across a common factor and offset."""
         change = scaled - self.level
-        return change - np.outer(change @ self.direction, self.direction)
+        return change - (change @ self.directions) @ self.directions.T
 
     def _quiet(self, readings: np.ndarray) -> np.ndarray:
         """(U,) bool: frames of readings (U, M) that are not loud."""
@@ -155,7 +156,7 @@ class _Untouched:
             sign = np.sign(alignment.homogeneous_readings(channels, electrode_deg))
             change *= np.where(np.isfinite(sign), sign, 1.0)[:, None]
         change /= self.sd[:, None]
-        change -= np.outer(self.direction, self.direction @ change)
+        change -= self.directions @ (self.directions.T @ change)
         length = np.linalg.norm(change, axis=0)
         return change / np.where(length > 0.0, length, 1.0)
 
