@@ -4,6 +4,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from diagnosed_skin import SCHEMA
@@ -22,6 +23,8 @@ from eitskin.diagnose.search.gates import (
     UNAFFECTED,
 )
 from eitskin.diagnose.verdict import certainty, conclusion, record, words
+from eitskin.diagnose.verdict.atlas import COLUMNS
+from eitskin.diagnose.verdict.remainder import NO_PATTERN, remainder
 from eitskin.diagnose.verdict.validation import validate
 from eitskin.effects import EFFECTS
 from small_skin import SKIN, small_recording
@@ -213,13 +216,13 @@ def test_what_something_without_a_name_might_tell_from_another_is_a_candidate(fo
 
 def test_a_row_without_evidence_is_no_sentence_on_what_is_left(found):
     evidence_free = "No evidence that drive 0 → 1 differs from the simulation in every frame."
-    for sentence, told in ((evidence_free, words.NO_PATTERN), ("Drive 3 differs.",) * 2):
-        left = replace(
-            found.remainder, probability=0.7, driver="static", law="constant", sentence=sentence
-        )
+    rows = (evidence_free, NO_PATTERN, 0.1), ("Drive 3 differs.", "Drive 3 differs.", 0.01)
+    for sentence, told, q in rows:
+        row = ("constant: drive", "0 → 1", 90.0, 13, 1e-9, q, 1e-9, sentence)
+        left = remainder(pd.DataFrame([row], columns=COLUMNS))
         said = conclusion.document(replace(found, remainder=left), "skin")
         assert said["other"]["sentence"] == told
-        assert said["other"]["law"] == (None if told == words.NO_PATTERN else "constant")
+        assert said["other"]["law"] == (None if told == NO_PATTERN else "constant")
         assert f"What has no name: {told}" in words.sentences(said)
 
 

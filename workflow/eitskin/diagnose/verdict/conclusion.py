@@ -21,7 +21,6 @@ from eitskin.diagnose.verdict.remainder import changes
 from eitskin.diagnose.verdict.verdict import verdict
 from eitskin.effects import EFFECTS, catalogue_names
 
-NO_EVIDENCE = "No evidence that"  # of the atlas, on a row that is not significant
 PART_KEYS = ("verdict", "effects", "other", "fit")  # what diagnosis.json has of each part
 
 
@@ -61,15 +60,14 @@ def conclude(diagnosis: Diagnosis) -> Verdict:
     certainties, p_value = [e["certain"] for e in entries], held_out_p(diagnosis)
     summary = verdict(certainties, p_value, remainder.probability)
     fit = _fit(diagnosis)
-    has_pattern = not (remainder.sentence or "").startswith(NO_EVIDENCE)
     other = {
         "probability": remainder.probability,
         "electrodes": remainder.electrodes,
         "drives": remainder.drives,
         "measures": remainder.measures,
-        "driver": remainder.driver if has_pattern else None,
-        "law": remainder.law if has_pattern else None,
-        "sentence": remainder.sentence if has_pattern else words.NO_PATTERN,
+        "driver": remainder.driver,
+        "law": remainder.law,
+        "sentence": remainder.sentence,
     }
     part_content = dict(zip(PART_KEYS, (summary, entries, other, fit), strict=True))
     return Verdict(

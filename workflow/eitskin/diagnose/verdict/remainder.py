@@ -10,6 +10,7 @@ from eitskin.diagnose.search.gates import NOTHING_UNNAMED
 from eitskin.diagnose.verdict.atlas import DISCOVERY
 from eitskin.diagnose.verdict.passing import discovered, is_passing
 
+NO_PATTERN = "More is left than chance leaves, without a pattern that a test knows."
 PRIOR = 0.05  # that physics outside the catalogue is present, before looking
 # What a Bayes factor's logarithm counts, and the largest that it may be: a p-value is no smaller
 # than the covariance is true. Of the logistic regression that `proof.other_probability` makes.
@@ -91,12 +92,7 @@ def remainder(atlas: pd.DataFrame) -> Remainder:
     snr = float(np.sqrt(max((rows["value"] - rows["dof"]).max(), 0.0))) if len(rows) else 0.0
     if NOTHING_UNNAMED.admits(chance):
         return Remainder(chance, p, [], [], [], None, None, None, snr)
-    if not len(rows):
-        sentence = "More is left than chance leaves, without a pattern that a test knows."
-        return Remainder(chance, p, [], [], [], None, None, sentence, snr)
     top = rows.iloc[0]
-    statistic, _, field = top["statistic"].partition(": ")
-    driver = DRIVERS.get(statistic, "static")
     located = decisive[decisive["statistic"].str.contains(": (?:electrode|drive|measuring pair)$")]
     best = located.iloc[0] if len(located) else None
     sites: dict[str, list[int]] = {"electrodes": [], "drives": [], "measures": []}
@@ -106,6 +102,10 @@ def remainder(atlas: pd.DataFrame) -> Remainder:
         assert number is not None
         key = {"electrode": "electrodes", "drive": "drives", "measuring pair": "measures"}[kind]
         sites[key] = [int(number.group())]
+    if top["q"] > DISCOVERY:
+        return Remainder(chance, p, **sites, driver=None, law=None, sentence=NO_PATTERN, snr=snr)
+    statistic, _, field = top["statistic"].partition(": ")
+    driver = DRIVERS.get(statistic, "static")
     law = {
         "time": "linear in time",
         "force": "linear in force",

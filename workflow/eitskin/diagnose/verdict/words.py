@@ -45,7 +45,6 @@ CANDIDATES = (
     " misfit that is left may account for them, another name or a calibration might do the same, or"
     " their gain or their size may be chance."
 )
-NO_PATTERN = "More is left than chance leaves, without a pattern that a test knows."
 CALIBRATIONS = {
     "conductivity_S_per_m": "the gel's conductivity",
     "radius_mm": "the skin's radius",
