@@ -258,6 +258,20 @@ def rough(search: Search, explanation: Explanation) -> Problem:
     )
 
 
+def _attempted(
+    search: Search, attempt: Callable[[], Explanation | Refusal]
+) -> Explanation | Refusal:
+    """What an attempt at fits within the budget leads to; a refusal where it meets a skin that the
+    physics does not have, or where the budget is used up."""
+    try:
+        with search.problem.model.solved_skins.within(search.budget):
+            return attempt()
+    except (InputError, np.linalg.LinAlgError):
+        return Refusal(PHYSICS, 0.0)
+    except EffortExceeded:
+        return Refusal(BUDGET, search.budget_used)
+
+
 def from_far(
     search: Search,
     explanation: Explanation,
@@ -269,20 +283,18 @@ def from_far(
     effects = [*explanation.effects, *candidates]
     problem = rough(search, explanation)
     sds = {DISCREPANCY: explanation.error_sds.get(DISCREPANCY, 0.0)}
-    try:
-        with search.problem.model.solved_skins.within(search.budget):
-            _, start = far_starts.start(
-                problem, explanation.effects, explanation.fit.theta, candidates, sizes
-            )
-            theta = fit(problem, effects, start, polish=True).theta
-            coarse = fit(replace(problem, model=search.problem.model), effects, theta)
-            refined = explain(search, coarse, explanation.p_values, sds)
-            fine = fit(refined.fit.problem, effects, refined.fit.theta, refined.fit.jacobian)
-            return explain(search, fine, explanation.p_values, refined.error_sds, refined.rig)
-    except (InputError, np.linalg.LinAlgError):
-        return Refusal(PHYSICS, 0.0)
-    except EffortExceeded:
-        return Refusal(BUDGET, search.budget_used)
+
+    def attempt() -> Explanation | Refusal:
+        _, start = far_starts.start(
+            problem, explanation.effects, explanation.fit.theta, candidates, sizes
+        )
+        theta = fit(problem, effects, start, polish=True).theta
+        coarse = fit(replace(problem, model=search.problem.model), effects, theta)
+        refined = explain(search, coarse, explanation.p_values, sds)
+        fine = fit(refined.fit.problem, effects, refined.fit.theta, refined.fit.jacobian)
+        return explain(search, fine, explanation.p_values, refined.error_sds, refined.rig)
+
+    return _attempted(search, attempt)
 
 
 def with_effect(
@@ -377,26 +389,24 @@ def _fitted(
         ]
         fitted_ends = [end for end in ends if isinstance(end, Explanation)]
         return max(fitted_ends, key=lambda end: end.log_evidence, default=ends[0])
-    try:
-        with search.problem.model.solved_skins.within(search.budget):
-            problem = explanation.fit.problem
-            fitted = fit(problem, effects, start, jacobian, limits=FitLimits(enough))
-            far_off = jacobian is not None and is_gross(search, explanation)
-            # Calibrations that took what an effect is may lie far off along a narrow valley.
-            if is_discrete(effects[-1]) or far_off or not fitted.converged:
-                count = len(search.problem.model.calibrations)
-                afresh = np.r_[np.zeros(count), start[count:]]
-                from_beliefs = fit(problem, effects, afresh, limits=FitLimits(enough))
-                fitted = min(fitted, from_beliefs, key=lambda f: f.chi2)
-            behind = 0.5 * (fitted.cost - explanation.fit.cost)
-            if not search.journal.would_pass(ASTRAY, behind, effects[-1].name):
-                return Refusal(ASTRAY, behind)
-            p_values, sds = explanation.p_values, explanation.error_sds
-            return explain(search, fitted, p_values, sds, explanation.rig)
-    except (InputError, np.linalg.LinAlgError):
-        return Refusal(PHYSICS, 0.0)
-    except EffortExceeded:
-        return Refusal(BUDGET, search.budget_used)
+
+    def attempt() -> Explanation | Refusal:
+        problem = explanation.fit.problem
+        fitted = fit(problem, effects, start, jacobian, limits=FitLimits(enough))
+        far_off = jacobian is not None and is_gross(search, explanation)
+        # Calibrations that took what an effect is may lie far off along a narrow valley.
+        if is_discrete(effects[-1]) or far_off or not fitted.converged:
+            count = len(search.problem.model.calibrations)
+            afresh = np.r_[np.zeros(count), start[count:]]
+            from_beliefs = fit(problem, effects, afresh, limits=FitLimits(enough))
+            fitted = min(fitted, from_beliefs, key=lambda f: f.chi2)
+        behind = 0.5 * (fitted.cost - explanation.fit.cost)
+        if not search.journal.would_pass(ASTRAY, behind, effects[-1].name):
+            return Refusal(ASTRAY, behind)
+        p_values, sds = explanation.p_values, explanation.error_sds
+        return explain(search, fitted, p_values, sds, explanation.rig)
+
+    return _attempted(search, attempt)
 
 
 def _effects_first(
@@ -407,15 +417,13 @@ def _effects_first(
 ) -> Explanation | Refusal:
     """Effects fitted from a start in noise alone, with touches where they are reported to be; the
     sds of the rig's errors are learned from 0 about that fit."""
-    try:
-        with search.problem.model.solved_skins.within(search.budget):
-            fitted = fit(search.problem, effects, start)
-            rig = linearised_rig_errors(fitted, search.problem.whitening, search.converter_step)
-            return explain(search, fitted, explanation.p_values, {}, rig)
-    except (InputError, np.linalg.LinAlgError):
-        return Refusal(PHYSICS, 0.0)
-    except EffortExceeded:
-        return Refusal(BUDGET, search.budget_used)
+
+    def attempt() -> Explanation | Refusal:
+        fitted = fit(search.problem, effects, start)
+        rig = linearised_rig_errors(fitted, search.problem.whitening, search.converter_step)
+        return explain(search, fitted, explanation.p_values, {}, rig)
+
+    return _attempted(search, attempt)
 
 
 def without(search: Search, explanation: Explanation, index: int) -> Explanation:
