@@ -57,12 +57,12 @@ def main(path: Path, names: list[str]) -> int:
                 shutil.copytree(source, copy / name, ignore=ignored)
             else:
                 shutil.copy(source, copy / name)
-        chosen = [mutant for mutant in mutants if not names or mutant["name"] in names]
-        for mutant in chosen:
-            what = fate(mutant, copy)
-            survivors += what == "survived"
-            print(f"{what}: {mutant['name']}", flush=True)
-    print(f"{len(chosen) - survivors} of {len(chosen)} killed")
+        batch = [mutant for mutant in mutants if not names or mutant["name"] in names]
+        for mutant in batch:
+            outcome = fate(mutant, copy)
+            survivors += outcome == "survived"
+            print(f"{outcome}: {mutant['name']}", flush=True)
+    print(f"{len(batch) - survivors} of {len(batch)} killed")
     return int(survivors > 0)
 
 

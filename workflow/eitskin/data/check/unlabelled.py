@@ -69,13 +69,13 @@ def unlabelled_touches(recording: Recording) -> list[tuple[int, int]]:
         return []
     hidden = np.zeros(len(touched), bool)
     for _ in range(ROUNDS):
-        rest = rows[~hidden[rows]]
-        if len(rest) < FEWEST_FRAMES:
+        untouched_rows = rows[~hidden[rows]]
+        if len(untouched_rows) < FEWEST_FRAMES:
             break
-        found = _Untouched(recording, rest, usable).stretches()
-        for stretch in found:
+        stretches = _Untouched(recording, untouched_rows, usable).stretches()
+        for stretch in stretches:
             hidden[stretch] = True
-        if not found:
+        if not stretches:
             break
     ends = np.flatnonzero(np.diff(np.concatenate([[False], hidden, [False]]).astype(int)))
     return [(int(first), int(end) - 1) for first, end in ends.reshape(-1, 2)]
@@ -255,8 +255,8 @@ class _Untouched:
         if gap_excess > max(MOST_RETURN * excess, RETURN_SD * self.scatter * level_noise):
             return None
         pattern = _pattern(change)
-        rest = abs(float(gap @ pattern))
-        if rest > max(AMPLITUDE_SD * np.sqrt(level_noise), MOST_REST * np.linalg.norm(gap)):
+        gap_along = abs(float(gap @ pattern))
+        if gap_along > max(AMPLITUDE_SD * np.sqrt(level_noise), MOST_REST * np.linalg.norm(gap)):
             return None
         for beside in (before[first - 1], after[last + 1]):
             if beside @ pattern > max(AMPLITUDE_SD, MOST_REST * np.linalg.norm(beside)):
@@ -294,7 +294,7 @@ class _Untouched:
     def stretches(self) -> list[np.ndarray]:
         """Rows of the stretches that hold a touch, the longest first, none in two."""
         taken = np.zeros(len(self.rows), bool)
-        found = []
+        stretches = []
         for first, last in sorted(set(self._proposals()), key=lambda ends: ends[0] - ends[1]):
             if taken[first - 1 : last + 2].any():
                 continue
@@ -303,8 +303,8 @@ class _Untouched:
                 continue
             first, last = self._extended(first, last, difference[0])
             taken[first : last + 1] = True
-            found.append(np.arange(self.rows[first], self.rows[last] + 1))
-        return found
+            stretches.append(np.arange(self.rows[first], self.rows[last] + 1))
+        return stretches
 
     def _extended(self, first: int, last: int, change: np.ndarray) -> tuple[int, int]:
         """A stretch with the frames beside it in which its touch is weaker, but there."""

@@ -40,14 +40,14 @@ def reserve_outliers(
     distance = np.abs(contrasts - np.nanmedian(contrasts, axis=0)) / scale
     reserved = reserve_mask @ part > 0
     rejected = np.zeros_like(lost) if rejected_mask is None else rejected_mask
-    kept = np.where(reserved | (rejected @ part > 0), np.nan, distance)
-    largest = np.nan_to_num(np.fmax.reduce(kept, axis=0, initial=0.0))
+    reference = np.where(reserved | (rejected @ part > 0), np.nan, distance)
+    largest = np.nan_to_num(np.fmax.reduce(reference, axis=0, initial=0.0))
     far = reserved & (distance > np.maximum(SPIKE, BEYOND * largest))
     outliers |= far @ part.T > 0
     whole = reserved.all(axis=1)
-    size, kept_size = _medians(distance), _medians(kept)
-    if np.isfinite(kept_size).any():
-        limit = np.fmax(LOUD * np.nanmedian(kept_size), np.nanmax(kept_size))
+    size, reference_size = _medians(distance), _medians(reference)
+    if np.isfinite(reference_size).any():
+        limit = np.fmax(LOUD * np.nanmedian(reference_size), np.nanmax(reference_size))
         outliers[whole & (size > limit)] = True
     return outliers & reserve_mask
 
