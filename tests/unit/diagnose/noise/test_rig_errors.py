@@ -24,10 +24,11 @@ from eitskin.diagnose.noise.components import (
     READINGS,
     NoiseComponent,
     converter_bins,
+    flicker_waves,
     random_walk_waves,
 )
 from eitskin.diagnose.noise.noise_model import NORMAL_90, NoiseModel
-from eitskin.diagnose.noise.rig_errors import RigErrors
+from eitskin.diagnose.noise.rig_errors import FREE, RigErrors
 from eitskin.diagnose.noise.scoring import Scoring, ScoringCache
 from eitskin.diagnose.noise.spectrum import WHITE, Spectrum
 from eitskin.diagnose.noise.whitening import Whitening
@@ -299,6 +300,9 @@ def test_the_likelihood_is_that_of_a_normal_distribution(names):
         for name, size in sizes.items():
             columns = rig.columns[name].reshape(-1, there.size)[:, there]
             covariance += size**2 * together[COMPONENTS[name].acts_on] * (columns.T @ columns)
+        for name in set(sizes) & set(rig.displacements):
+            columns = rig.columns[name].reshape(-1, there.size)[:, there]
+            covariance += (FREE * rig.prior_sds[name]) ** 2 * (columns.T @ columns)
         values = residual.ravel()[there]
         prior = sum((size / rig.prior_sds[name]) ** 2 for name, size in sizes.items())
         log_det = np.linalg.slogdet(covariance)[1]
@@ -327,7 +331,7 @@ def assert_slopes(rig, sizes, names, seed):
     """Scores of these components are derivatives of the likelihood, where a residual is larger."""
     larger = {name: 1.3 * size for name, size in sizes.items()}
     residual = drawn(rig, larger, np.random.default_rng(seed))
-    scoring = Scoring(rig, rig.whitening(sizes), names)
+    scoring = Scoring(rig, rig.whitening(sizes, restricted=True), names)
     sd = np.sqrt(np.diag(scoring.information))
     expected = [slope_by_differences(rig, sizes, residual, name) for name in names]
     assert np.allclose(scoring.slope(residual) / sd, expected / sd, rtol=1e-4, atol=1e-4)
@@ -558,10 +562,41 @@ def test_no_covariance_of_its_own_without_sizes():
 
 
 @given(st.floats(0.05, 1.0), st.floats(0.05, 1.0))
-def test_waves_are_those_of_a_random_walk(early, late):
+def test_waves_are_those_of_a_random_walk_whose_beginning_nobody_knows(early, late):
     waves = walk_waves(401, 400)
     i, j = (round(400 * share) for share in (early, late))
-    assert np.isclose(waves[:, i] @ waves[:, j], min(early, late), atol=5e-3)
+    step = waves[:, i] - waves[:, j]
+    assert np.isclose(step @ step, abs(i - j) / 400.0, atol=5e-3)
+    mean = waves.mean(axis=1)
+    assert np.isclose(mean @ mean, 1.0 / 3.0, atol=5e-3)
+    assert np.allclose(waves[:, i] @ waves[:, i], waves[:, 400 - i] @ waves[:, 400 - i])
+
+
+def test_flicker_has_as_much_power_in_every_octave():
+    waves = flicker_waves((np.arange(4000) + 0.5) / 4000.0, 64)[1:]
+    power = (waves**2).mean(axis=1)
+    assert np.isclose(power.sum(), 1.0)
+    octaves = [power[n - 1 : 2 * n - 1].sum() for n in (8, 16, 32)]
+    assert np.allclose(octaves, octaves[0], rtol=0.05)
+
+
+def test_what_all_presses_share_is_no_error_of_theirs():
+    rig = made(["place-per-press"])
+    draw = np.random.default_rng(4)
+    noise = rig.noise_whitening.sd * draw.normal(size=rig.noise_whitening.mask.shape)
+    columns = rig.columns["place-per-press"]
+    each = draw.normal(size=(2, PRESSES))
+    each -= each.mean(axis=1, keepdims=True)
+    scatter = np.where(rig.press >= 0, each[:, rig.press], 0.0)
+    differing = np.einsum("kn,knm->nm", scatter, columns)
+    shared = 5.0 * columns.sum(axis=0)
+
+    def learned(residual):
+        return learn_error_sds(rig, residual, {})[0]["place-per-press"]
+
+    assert learned(noise + shared) == 0.0
+    assert np.isclose(learned(noise + differing + shared), learned(noise + differing), rtol=0.02)
+    assert np.isclose(learned(noise + differing + shared), np.std(each), rtol=0.2)
 
 
 @pytest.fixture(scope="module")
@@ -606,7 +641,7 @@ def test_columns_about_a_fit_are_what_one_unit_does(small):
 def test_components_are_those_that_a_recording_can_have(small):
     problem, fitted = small
     touches = {name for name in COMPONENTS if name.startswith(("place", "force"))}
-    always = {"amplitude-per-frame", "common-noise", "gain-walk", "channel-drift"}
+    always = {"amplitude-per-frame", "common-noise", "gain-walk", "gain-flicker", "channel-drift"}
     rig = linearised_rig_errors(fitted, problem.whitening, 0.0)
     assert set(rig.columns) == always | touches | {"static-discrepancy", "touch-discrepancy"}
     rounded = linearised_rig_errors(fitted, problem.whitening, 1e-6)
@@ -614,7 +649,12 @@ def test_components_are_those_that_a_recording_can_have(small):
     few, _ = problem_of(small_recording(places=2))
     found = linearised_rig_errors(calibrated(few), few.whitening, 0.0)
     assert set(found.columns) == set(rig.columns) and rig.assumed == frozenset()
-    assert found.assumed == {"place-per-press", "force-per-press", "force-zero-walk"}
+    assert found.assumed == {
+        "place-per-press",
+        "force-per-press",
+        "force-zero-per-press",
+        "force-zero-walk",
+    }
     recorded = small_recording(places=4)
     touched = recorded.frames["touch"].to_numpy(bool)
     frames = recorded.frames[~touched].reset_index(drop=True)
@@ -729,7 +769,7 @@ def test_learning_goes_on_from_the_scoring_with_which_it_ended(monkeypatch):
     sizes, _ = learn_error_sds(rig, residual, sizes)
     found, best = learn_error_sds(rig, residual, sizes, None, ended)
     assert found == sizes  # the climb is at its end
-    plain = Scoring(rig, rig.whitening(sizes), list(rig.columns))
+    plain = Scoring(rig, rig.whitening(sizes, restricted=True), list(rig.columns))
     for module in (scoring, component_sds):
         monkeypatch.setattr(module, "Scoring", lambda *job: made_anew.append(job) or plain)
     kept = ended.scoring(rig, {name: sizes[name] for name in rig.columns}, list(rig.columns))

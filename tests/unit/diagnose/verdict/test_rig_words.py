@@ -10,6 +10,7 @@ SP = "\N{NO-BREAK SPACE}"
 UNITS = {
     "amplitude-per-frame": "1",
     "gain-walk": "1",
+    "gain-flicker": "1",
     "correlated-noise": "1",
     "common-noise": "V",
     "channel-drift": "V",
@@ -20,6 +21,7 @@ UNITS = {
     "force-per-frame": "N",
     "channel-wander": "V",
     "force-per-press": "1",
+    "force-zero-per-press": "N",
     "force-zero-walk": "N",
 }
 
@@ -53,7 +55,7 @@ def test_sizes_with_units_and_intervals():
         " recording has nothing that shows it."
     )
     walk = component("gain-walk", 2e-3, 1.6e-3, 2.5e-3)
-    assert said(walk).endswith(f"off by 0.200 (90 %: 0.160 to 0.250){SP}%.")
+    assert said(walk).endswith(f"by 0.200 (90 %: 0.160 to 0.250){SP}%.")
     assert "correlation of 0.41 (90 %: 0.30 to 0.50)." in said(component("correlated-noise"))
     step = component("quantisation", 2.148e-3, 2.148e-3, 2.148e-3)
     expected = (

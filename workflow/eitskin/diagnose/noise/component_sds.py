@@ -1,9 +1,9 @@
 """Standard deviations of a rig's errors, learned from the residual of a fit, and their intervals.
 
-They are those of the greatest marginal likelihood under half-normal priors, by Fisher scoring of
-the variances (Harville, JASA 72, 1977); a component that the recording does not ask for has 0. They
-are learned again for every set of effects: an error that is alike in all presses is an effect's,
-one that differs from press to press is the rig's.
+They are those of the greatest restricted likelihood (Patterson, Thompson, Biometrika 58, 1971) under
+half-normal priors, by Fisher scoring of the variances (Harville, JASA 72, 1977); a component that
+the recording does not ask for has 0. What all presses share of touches' errors is projected out:
+it may be the error of an effect. They are learned again for every set of effects.
 """
 
 from collections.abc import Mapping
@@ -55,7 +55,9 @@ def learn_error_sds(
         if error_sd > 0.0 and gains.get(name, 0.0) < CLEAR_GAIN and not unchanged:
             reduced = {**error_sds, name: 0.0}
             present = [k for k in free if reduced[k] > 0.0]
-            whitening = rig_errors.whitening(reduced)  # in use until a climb from it has met it
+            whitening = rig_errors.whitening(
+                reduced, restricted=True
+            )  # in use until a climb from it has met it
             likelihood = rig_errors.log_likelihood(reduced, residual, whitening)
             if likelihood <= best - LEAST_GAIN and present:
                 reduced, likelihood, _ = climb.run(reduced, present, REFIT_ROUNDS)
@@ -90,7 +92,9 @@ def component_intervals(
     if not names:
         return intervals
     variances = np.array([error_sds[name] ** 2 for name in names])
-    information = Scoring(rig_errors, rig_errors.whitening(error_sds), names).information
+    information = Scoring(
+        rig_errors, rig_errors.whitening(error_sds, restricted=True), names
+    ).information
     log_variances = np.diag(np.linalg.pinv(information * np.outer(variances, variances)))
     for name, log_variance in zip(names, log_variances, strict=True):
         component, error_sd = COMPONENTS[name], error_sds[name]
@@ -146,7 +150,11 @@ class _Climb:
             scoring = start_cache.scoring(rig_errors, error_sds, free)
         if end_cache is not None:
             end_cache.clear()
-        whitening = rig_errors.whitening(error_sds) if scoring is None else scoring.whitening
+        whitening = (
+            rig_errors.whitening(error_sds, restricted=True)
+            if scoring is None
+            else scoring.whitening
+        )
         best = rig_errors.log_likelihood(error_sds, self.residual, whitening)
         gains: dict[str, float] = {}
         for _ in range(rounds):
@@ -180,7 +188,7 @@ class _Climb:
                 for name, target in step.target.items()
             }
             trial_sds = {**error_sds, **trial_sds}
-            whitening = self.rig_errors.whitening(trial_sds)
+            whitening = self.rig_errors.whitening(trial_sds, restricted=True)
             likelihood = self.rig_errors.log_likelihood(trial_sds, self.residual, whitening)
             if likelihood > best:
                 return trial_sds, whitening, likelihood

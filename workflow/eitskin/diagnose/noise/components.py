@@ -15,8 +15,8 @@ import numpy as np
 from eitskin.diagnose.noise.linearisation import Linearisation
 
 READINGS = "readings"  # the unit of a component in that of the recording
-FAST_WAVES = 12  # sine waves (Karhunen-Loeve) of a gain's random walk: the rest hold 1.7 % of it
-SLOW_WAVES = 6  # of a channel's drift or of a force's zero, which are slower: 3.4 %
+FAST_WAVES = 12  # cosine waves of what a gain does: the rest hold 1.6 % of a random walk
+SLOW_WAVES = 6  # of a channel's drift or of a force's zero, which are slower: 3.1 %
 LEAST_FRAMES = 6  # fewer hardly show a scatter: its logarithm would be uncertain by a third
 LEAST_PRESSES = 3  # likewise; two scatter about their mean by one degree of freedom
 # Quadrature adds its square, whose tail is exponential: channels are compared under a normal error
@@ -169,7 +169,7 @@ class CommonNoise(NoiseComponent):
 
 @component
 class GainWalk(NoiseComponent):
-    """The gain of all channels walks; its sd is that at the recording's end."""
+    """The gain of all channels walks; its sd is that at the end of a walk as long."""
 
     name, unit, prior_sd, acts_on = "gain-walk", "1", 1e-2, "whole"
     least_frames = LEAST_FRAMES
@@ -177,20 +177,32 @@ class GainWalk(NoiseComponent):
     every_frame = AmplitudePerFrame.name
 
     def basis(self, linearisation: Linearisation) -> np.ndarray:
-        """(FAST_WAVES, N, M): waves of a random walk, times the readings."""
+        """(1 + FAST_WAVES, N, M): waves of a random walk, times the readings."""
         waves = random_walk_waves(linearisation.elapsed, FAST_WAVES)
         return waves[:, :, None] * linearisation.voltage
 
 
 @component
+class GainFlicker(GainWalk):
+    """The gain of all channels flickers, with power in proportion to 1/f."""
+
+    name, prior_sd = "gain-flicker", 2e-3
+
+    def basis(self, linearisation: Linearisation) -> np.ndarray:
+        """(1 + FAST_WAVES, N, M): waves of 1/f noise, times the readings."""
+        waves = flicker_waves(linearisation.elapsed, FAST_WAVES)
+        return waves[:, :, None] * linearisation.voltage
+
+
+@component
 class ChannelDrift(NoiseComponent):
-    """Each channel drifts by itself; its sd is that at the recording's end."""
+    """Each channel drifts by itself; its sd is that at the end of a walk as long."""
 
     name, unit, prior_sd, acts_on = "channel-drift", READINGS, 2e-3, "channel"
     least_frames = LEAST_FRAMES
 
     def basis(self, linearisation: Linearisation) -> np.ndarray:
-        """(SLOW_WAVES, N, M): waves of a random walk."""
+        """(1 + SLOW_WAVES, N, M): waves of a random walk."""
         waves = random_walk_waves(linearisation.elapsed, SLOW_WAVES)
         return waves[:, :, None] * np.ones(linearisation.voltage.shape)
 
@@ -342,8 +354,20 @@ class ForcePerPress(PressTouchComponent):
 
 
 @component
+class ForceZeroPerPress(PressTouchComponent):
+    """The load cell's zero is off, press by press."""
+
+    name, unit, prior_sd = "force-zero-per-press", "N", 0.2
+    every_frame = ForcePerFrame.name
+
+    def displacements(self, linearisation: Linearisation) -> list[tuple[str, np.ndarray]]:
+        """Of every touch's force."""
+        return [("force_N", linearisation.touched.astype(float))]
+
+
+@component
 class ForceZeroWalk(PressTouchComponent):
-    """The load cell's zero walks; its sd is that at the recording's end."""
+    """The load cell's zero walks; its sd is that at the end of a walk as long."""
 
     name, unit, prior_sd, acts_on = "force-zero-walk", "N", 0.2, "whole"
     every_frame = ForcePerFrame.name
@@ -356,10 +380,24 @@ class ForceZeroWalk(PressTouchComponent):
 
 
 def random_walk_waves(elapsed: np.ndarray, count: int) -> np.ndarray:
-    """(count, N): Karhunen-Loeve sine waves of a random walk from 0, of sd 1 at its end, at
-    elapsed shares (N,) of its time."""
-    rate = (np.arange(count)[:, None] + 0.5) * np.pi
-    return np.sqrt(2.0) * np.sin(rate * elapsed) / rate
+    """(1 + count, N): Karhunen-Loeve waves of a random walk, of sd 1 at its end if it begins at 0,
+    at elapsed shares (N,) of its time: its mean, and cosines of the walk about its mean.
+
+    Mean and cosines count as independent: where a rig was when it was calibrated, at the beginning,
+    at the end or in between, a recording does not tell.
+    """
+    rate = np.pi * np.arange(1, count + 1)[:, None]
+    mean = np.full((1, len(elapsed)), 1.0 / np.sqrt(3.0))
+    return np.concatenate([mean, np.sqrt(2.0) * np.cos(rate * elapsed) / rate])
+
+
+def flicker_waves(elapsed: np.ndarray, count: int) -> np.ndarray:
+    """(1 + count, N): waves of noise with power in proportion to 1/f, of sd 1 about its mean, and
+    the mean, which has the power of the longest wave."""
+    number = np.arange(1, count + 1)[:, None]
+    size = 1.0 / np.sqrt(number * (1.0 / number).sum())
+    mean = np.full((1, len(elapsed)), float(size[0, 0]))
+    return np.concatenate([mean, np.sqrt(2.0) * size * np.cos(np.pi * number * elapsed)])
 
 
 def converter_bins(voltage: np.ndarray, step: float) -> np.ndarray:

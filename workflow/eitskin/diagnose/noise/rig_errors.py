@@ -79,7 +79,7 @@ class RigErrors:
         )
 
     def __getstate__(self) -> dict:
-        derived = "_whitenings", "filtered", "single_precision_columns"
+        derived = "_whitenings", "filtered", "single_precision_columns", "shared_columns"
         return {name: value for name, value in vars(self).items() if name not in derived}
 
     def __setstate__(self, state: dict) -> None:
@@ -102,32 +102,51 @@ class RigErrors:
             for name, columns in self.filtered.items()
         }
 
+    @cached_property
+    def shared_columns(self) -> np.ndarray:
+        """(K, N, M): what all presses share of the errors of touches, filtered, FREE times as large
+        as the priors' sd."""
+        shape = self.noise_whitening.mask.shape
+        columns = [
+            FREE * self.prior_sds[name] * columns
+            for name, columns in self.columns.items()
+            if name in self.displacements and COMPONENTS[name].acts_on == "press"
+        ]
+        shared = np.concatenate([np.zeros((0, *shape)), *columns])
+        return self.noise_whitening.filtered(shared, "whole")
+
     @property
     def press_indicator(self) -> np.ndarray:
         """(B, N): 1 where a frame is of a press, else 0."""
         return press_indicator(self.press)
 
     def whitening(
-        self, error_sds: Mapping[str, float], discrepancy: bool = True, fitted: bool = False
+        self,
+        error_sds: Mapping[str, float],
+        discrepancy: bool = True,
+        fitted: bool = False,
+        restricted: bool = False,
     ) -> Whitening:
         """The covariance with components of these sds.
 
         Components without columns here add nothing. discrepancy: with those that stand for physics
         without a name. fitted: in the form for fits, which follows lasting errors into the channels
-        that the errors of frames and presses carry them to (`NoiseComponent.weights`). A whitening
-        that is still in use elsewhere is returned again, with the factors that it has computed.
+        that the errors of frames and presses carry them to (`NoiseComponent.weights`). restricted:
+        in the form for learning sds, with `shared_columns` beside the components: what all presses
+        share may be an effect's, and tells nothing of how they differ. A whitening that is still in
+        use elsewhere is returned again, with the factors that it has computed.
         """
         positive = {k: v for k, v in error_sds.items() if v > 0.0 and k in self.columns}
         fitted = fitted and any(COMPONENTS[name].lasting for name in positive)
-        key = discrepancy, fitted, *positive.items()
+        key = discrepancy, fitted, restricted, *positive.items()
         whitening = self._whitenings.get(key)
         if whitening is None:
-            whitening = self._assembled(positive, discrepancy, fitted)
+            whitening = self._assembled(positive, discrepancy, fitted, restricted)
             self._whitenings[key] = whitening
         return whitening
 
     def _assembled(
-        self, error_sds: Mapping[str, float], discrepancy: bool, fitted: bool
+        self, error_sds: Mapping[str, float], discrepancy: bool, fitted: bool, restricted: bool
     ) -> Whitening:
         """The noise's covariance with the weighted columns of all components of some sd."""
         weighted: dict[str, list[tuple[float, np.ndarray]]]
@@ -137,6 +156,8 @@ class RigErrors:
             if discrepancy or not component.discrepancy:
                 for acts_on, weight in component.weights(error_sd, fitted).items():
                     weighted[acts_on].append((weight, self.filtered[name]))
+        if restricted and len(self.shared_columns):
+            weighted["whole"].append((1.0, self.shared_columns))
         if not weighted["frame"] and not weighted["press"]:
             # Nothing carries them to other channels.
             weighted["channel"] += weighted.pop("linked")
@@ -171,9 +192,10 @@ class RigErrors:
         residual: np.ndarray,
         whitening: Whitening | None = None,
     ) -> float:
-        """Log density of a residual (N, M) in the recording's unit, with the prior of the sds, up
-        to a constant that is the same for all sds; whitening: of these sds, where it is known."""
-        whitening = whitening or self.whitening(error_sds)
+        """Restricted log density of a residual (N, M) in the recording's unit, with the prior of
+        the sds, up to a constant that is the same for all sds; whitening: the restricted one of
+        these sds, where it is known."""
+        whitening = whitening or self.whitening(error_sds, restricted=True)
         chi2 = float((whitening(residual) ** 2).sum())
         return -0.5 * (chi2 + whitening.log_determinant) + self.log_prior(error_sds)
 

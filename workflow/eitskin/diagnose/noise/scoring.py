@@ -118,7 +118,7 @@ class ScoringCache:
             if cached_rig is rig_errors and cached_sds == error_sds and cached_names == names:
                 return scoring
             self.clear()
-        scoring = Scoring(rig_errors, rig_errors.whitening(error_sds), names)
+        scoring = Scoring(rig_errors, rig_errors.whitening(error_sds, restricted=True), names)
         self.store(rig_errors, error_sds, names, scoring)
         return scoring
 

@@ -8,12 +8,12 @@ PER_CENT, PLAIN = "{size:%}", "{size}"
 SENTENCES = {  # on a component; its size as {size}, or as {size:%} of the whole
     "amplitude-per-frame": "All readings of a frame scatter together by {size:%} from frame to"
     " frame.",
-    "gain-walk": "The gain of all channels wanders: at the recording's end it is typically off by"
+    "gain-walk": "The gain of all channels wanders over the recording, typically by {size:%}.",
+    "gain-flicker": "The gain of all channels flickers, with power in proportion to 1/f, by"
     " {size:%}.",
     "correlated-noise": "Noise lasts from one frame to the next, with a correlation of {size}.",
     "common-noise": "All channels of a frame share noise of {size}.",
-    "channel-drift": "Each channel drifts by itself: at the recording's end it is typically off by"
-    " {size}.",
+    "channel-drift": "Each channel drifts by itself over the recording, typically by {size}.",
     "channel-wander": "Each channel wanders by itself about its level, by {size}.",
     "quantisation": "The converter's rounding leaves errors of typically {size} that do not"
     " scatter.",
@@ -23,8 +23,8 @@ SENTENCES = {  # on a component; its size as {size}, or as {size:%} of the whole
     "place-per-press": "The robot's places are good to {size}, press by press.",
     "force-per-frame": "The load cell scatters by {size} from frame to frame.",
     "force-per-press": "The load cell's forces are good to {size:%}, press by press.",
-    "force-zero-walk": "The load cell's zero wanders: at the recording's end it is typically off by"
-    " {size}.",
+    "force-zero-per-press": "The load cell's zero is good to {size}, press by press.",
+    "force-zero-walk": "The load cell's zero wanders over the recording, typically by {size}.",
 }
 UNKNOWN = "The rig has an error called {name}, of {size}."
 ASSUMED = "; this is assumed, for the recording has nothing that shows it."
