@@ -1,9 +1,9 @@
 """Standard deviations of a rig's errors, learned from the residual of a fit, and their intervals.
 
-They are those of the greatest restricted likelihood (Patterson, Thompson, Biometrika 58, 1971) under
-half-normal priors, by Fisher scoring of the variances (Harville, JASA 72, 1977); a component that
-the recording does not ask for has 0. What all presses share of touches' errors is projected out:
-it may be the error of an effect. They are learned again for every set of effects.
+They are those of the greatest restricted likelihood (Patterson, Thompson, Biometrika 58, 1971)
+under half-normal priors, by Fisher scoring of the variances (Harville, JASA 72, 1977); a component
+that the recording does not ask for has 0. What all presses share of touches' errors is projected
+out: it may be the error of an effect. They are learned again for every set of effects.
 """
 
 from collections.abc import Mapping
