@@ -47,11 +47,11 @@ HEAD = """\
 
 `python -m benchmark.rig_faults --starts {starts} --presses {presses}`, commit `{commit}`: captures
 of the emulated rig (`rigsim.yaml`, `demo_capture.yaml`, twenty times as fast as a real one). Each
-fault begins in the first or second press at a true force drawn from {least_N} to {largest_N} N, with
-a probe of 7, 10 or 15 mm. The largest true force on the gel is to stay below {hard_N} N. A row of
-`rig_faults.csv` is a capture.
+fault begins in the first or second press at a true force drawn from {least_N} to {largest_N} N,
+with a probe of 7, 10 or 15 mm. The largest true force on the gel is to stay below {hard_N} N. A
+row of `rig_faults.csv` is a capture.
 
-| fault | captures | stopped | spoilt press finished | largest true force, N | rules broken | reasons |
+| fault | captures | stopped | spoilt finished | largest true force, N | rules broken | reasons |
 |---|---|---|---|---|---|---|
 """
 
@@ -159,7 +159,8 @@ def page(table: pd.DataFrame, command: dict) -> str:
     """The page of the captures in `table`: a line a fault."""
     lines = []
     for name, group in table.groupby("fault", sort=False):
-        reasons = ", ".join(f"{n} {reason}" for reason, n in group["reason"].value_counts().items())
+        stops = group.loc[group["stopped"], "reason"].value_counts()
+        reasons = ", ".join(f"{count} {reason}" for reason, count in stops.items())
         cells = (
             f"{name}, {int(group['presses'].sum())} presses" if name == "none" else name,
             len(group),
@@ -167,7 +168,7 @@ def page(table: pd.DataFrame, command: dict) -> str:
             int(group["spoilt_finished"].sum()),
             f"{group['largest_N'].max():.2f}",
             int(group["broken"].sum()),
-            reasons.strip() if group["stopped"].any() else "",
+            reasons,
         )
         lines.append(f"| {' | '.join(map(str, cells))} |")
     return HEAD.format(**command, least_N=LEAST_N, largest_N=LARGEST_N) + "\n".join(lines) + "\n"
@@ -180,12 +181,9 @@ def main() -> None:
     parser.add_argument("--presses", type=int, default=300, help="presses without a fault")
     arguments = parser.parse_args()
     command = {**vars(arguments), "commit": rows.commit()}
-    limits = yaml.safe_load((CONFIG / "demo_capture.yaml").read_text(encoding="utf-8"))["rig"]
-    command["hard_N"] = limits["limits"]["hard_N"]
-    outcomes = []
-    for outcome in (*[undisturbed(arguments.presses)], *faulty(arguments.starts)):
-        outcomes.append(outcome)
-    table = pd.DataFrame(outcomes)
+    emulator = yaml.safe_load((CONFIG / "rigsim.yaml").read_text(encoding="utf-8"))
+    command["hard_N"] = emulator["rules"]["hard_N"]
+    table = pd.DataFrame([undisturbed(arguments.presses), *faulty(arguments.starts)])
     with atomic_path(CSV) as path:
         table.to_csv(path, index=False, float_format="%.4f")
     with atomic_path(PAGE) as path:

@@ -89,7 +89,7 @@ def _check_limits(rig: dict, file: str | Path) -> None:
         ("limits.jump_N", limits["jump_N"], limits["hard_N"] - limits["soft_N"], "hard_N - soft_N"),
         ("limits.zero_N", limits["zero_N"], least_N, "a target"),
         ("plan.touch_N", plan["touch_N"], least_N, "a target"),
-        ("plan.touch_N", plan["touch_N"], rise_N, "least_stiffness_N_per_mm × rise_mm"),
+        ("plan.touch_N", plan["touch_N"], rise_N, "rise_mm times least_stiffness_N_per_mm"),
         (
             "limits.least_stiffness_N_per_mm",
             limits["least_stiffness_N_per_mm"],

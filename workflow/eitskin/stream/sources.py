@@ -101,7 +101,8 @@ def _board_events(
 ) -> Iterator[Event]:
     """Frames and troubles of a board's lines.
 
-    A frame that the board repeats for the FROZEN_FRAMES-th time or more is a trouble. Raises PortLost, and InputError where none of the first lines is a frame of this board.
+    A frame is a trouble where the board has repeated it FROZEN_FRAMES times. Raises PortLost, and
+    InputError where none of the first lines is a frame of this board.
     """
     from eitskin.capture.lines import Port  # pyserial, which recordings do without
 
