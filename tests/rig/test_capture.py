@@ -137,7 +137,7 @@ def test_a_program_that_ends_while_the_arm_stands_is_started_again_to_lift(rig):
         ({"fault": "load_cell_stuck"}, "load cell deaf"),
         ({"fault": "load_cell_stuck", "size": 0.05}, "load cell deaf"),
         ({"fault": "load_cell_saturated", "size": 1.5}, "load cell deaf"),
-        ({"fault": "load_cell_drift", "size": -1.0}, "load cell deaf"),
+        ({"fault": "load_cell_drift", "size": -5.0}, "load cell deaf"),
         ({"fault": "board_frozen"}, "board frozen"),
     ],
 )

@@ -18,7 +18,12 @@ def test_its_configurations_are_accepted(tmp_path):
 
 def test_a_press_with_a_fault_that_counts_as_finished_is_told():
     fault = {"event": "fault", "now": {"contact": 2, "force_N": 1.0, "largest_N": 9.0}}
-    events = [{"event": "touched"}, fault, {"event": "violation"}, {"event": "end"}]
+    events = [
+        {"event": "touched"},
+        fault,
+        {"event": "violation"},
+        {"event": "end", "largest_N": 9.0},
+    ]
     ends = [{"kind": "end", "contact": number} for number in (0, 1)]
     spoilt = rig_faults._outcome(events, ends)
     assert spoilt["spoilt_finished"] and not spoilt["stopped"]
