@@ -155,7 +155,7 @@ def driver_config(endpoints: dict, series: str, speedup: float, cell: dict, fold
             "motion": {
                 "travel_m_s": 0.05,
                 "travel_m_s2": 0.5,
-                "press_m_s": 0.01,
+                "press_m_s": 0.009,
                 "press_m_s2": 0.1,
                 "search_m_s": 0.002,
                 "stop_m_s2": 1.0,
@@ -173,7 +173,7 @@ def driver_config(endpoints: dict, series: str, speedup: float, cell: dict, fold
                 "search_mm": 8.0,
                 "touch_N": 0.15,
                 "step_mm": 1.0,
-                "depth_cap_mm": 12.0,
+                "depth_cap_mm": 8.0,
                 "target_N": [2.0, 3.0],
                 "settle_s": 0.1,
                 "hold_frames": 0,
@@ -197,6 +197,8 @@ def driver_config(endpoints: dict, series: str, speedup: float, cell: dict, fold
                 "frozen_readings": 8,
                 "latency_s": 0.4,
                 "stiffness_N_per_mm": 2.0,
+                "least_stiffness_N_per_mm": 0.2,
+                "rise_mm": 1.0,
             },
         }
     )

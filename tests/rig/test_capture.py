@@ -131,12 +131,37 @@ def test_a_program_that_ends_while_the_arm_stands_is_started_again_to_lift(rig):
     assert_stopped(rig, rig.named("fault")[0], lifted=True)
 
 
+@pytest.mark.parametrize(
+    ("fault", "reason"),
+    [
+        ({"fault": "load_cell_stuck"}, "load cell deaf"),
+        ({"fault": "load_cell_stuck", "size": 0.05}, "load cell deaf"),
+        ({"fault": "load_cell_saturated", "size": 1.5}, "load cell deaf"),
+        ({"fault": "load_cell_drift", "size": -5.0}, "load cell deaf"),
+        ({"fault": "board_frozen"}, "board frozen"),
+    ],
+)
+def test_a_press_that_a_device_does_not_follow_is_not_finished(rig, fault, reason):
+    rig.config["plan"]["target_N"] = [8.0, 9.0]
+    rig.begin(**fault, contact=2, depth_mm=1.5)
+    code, output = capture(rig)
+    assert (code, stop_reason(rig)) == (FAULT, reason), output
+    assert [r["contact"] for r in records(rig) if r["kind"] == "end"] == [0]
+    limits, plan = rig.config["limits"], rig.config["plan"]
+    deaf_N = limits["stiffness_N_per_mm"] * (limits["rise_mm"] + plan["step_mm"])
+    largest_N = max(e.get("largest_N", 0.0) for e in rig.events)
+    assert largest_N < plan["target_N"][1] + deaf_N
+    assert rig.named("still")[-1]["pose"][2] == pytest.approx(CENTRE[2], abs=1e-4)
+    assert_kept_every_rule(rig)
+
+
 @pytest.mark.parametrize("fault", ["load_cell_offset", "load_cell_drift"])
 def test_a_load_cell_whose_zero_moves(rig, fault):
     rig.begin(fault=fault, contact=1, depth_mm=0.8)
     code, output = capture(rig)
     assert (code, stop_reason(rig)) == (FAULT, "load cell zero"), output
     assert rig.named("touched")[-1]["contact"] == 1
+    assert [r for r in records(rig) if r["kind"] == "end"] == []
     assert rig.named("still")[-1]["pose"][2] == pytest.approx(CENTRE[2], abs=1e-4)
     assert_kept_every_rule(rig)
 

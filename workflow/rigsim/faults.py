@@ -16,6 +16,7 @@ from rigsim.world import N_ELECTRODES, World
 
 DRIVEN_V = 0.0215  # of a pair with a driven electrode: ten steps of the converter
 SPIKE_N, OFFSET_N, DRIFT_N_PER_S = 30.0, 2.0, 1.0  # far above noise, unless the fault gives a size
+SATURATED_N, GAIN = 1.0, 0.5  # unless the fault gives a size
 LINES = ("short", "long", "joined", "garbled", "duplicated", "driven", "saturated")
 LONG_VALUES = 512  # as in the first line of logs by DSHardman's lab
 
@@ -143,13 +144,25 @@ class Faults:
     def _saturated(self, values: np.ndarray, line: bytes) -> bytes:
         return text(np.where(values >= np.quantile(values, 0.9), MAX_V, values))
 
-    def _board_silent(self, fault: dict, t: float) -> Callable[[], None]:
-        self.board.corrupt = lambda values, line: b""
+    def _print(self, corrupt: Callable[[np.ndarray, bytes], bytes]) -> Callable[[], None]:
+        self.board.corrupt = corrupt
 
         def undo() -> None:
             self.board.corrupt = unspoiled
 
         return undo
+
+    def _board_silent(self, fault: dict, t: float) -> Callable[[], None]:
+        return self._print(lambda values, line: b"")
+
+    def _board_frozen(self, fault: dict, t: float) -> Callable[[], None]:
+        lines: list[bytes] = []
+
+        def first_line(values: np.ndarray, line: bytes) -> bytes:
+            lines.append(line)
+            return lines[0]
+
+        return self._print(first_line)
 
     def _board_unplugged(self, fault: dict, t: float) -> Callable[[], None]:
         self.board.port.unplug()
@@ -201,6 +214,16 @@ class Faults:
 
     def _load_cell_offset(self, fault: dict, t: float) -> Callable[[], None]:
         return self._feel(lambda force: force + fault.get("size", OFFSET_N))
+
+    def _load_cell_stuck(self, fault: dict, t: float) -> Callable[[], None]:
+        stuck_N = fault.get("size", self.world.force_N)
+        return self._feel(lambda force: stuck_N)
+
+    def _load_cell_saturated(self, fault: dict, t: float) -> Callable[[], None]:
+        return self._feel(lambda force: min(force, fault.get("size", SATURATED_N)))
+
+    def _load_cell_gain(self, fault: dict, t: float) -> Callable[[], None]:
+        return self._feel(lambda force: fault.get("size", GAIN) * force)
 
     def _load_cell_reset(self, fault: dict, t: float) -> None:
         self.cell.resets = True

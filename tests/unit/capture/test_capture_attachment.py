@@ -172,7 +172,7 @@ def test_a_probe_that_is_on_no_rig_is_refused(config):
 
 def test_a_rig_that_cannot_be_driven_safely_is_refused(config):
     config["rig"]["motion"]["press_m_s"] = 0.02
-    assert f"{FILE}: rig.motion: found 0.02 m/s: the force grows by 16 N" in refusal(config)
+    assert f"{FILE}: rig.motion: found 0.02 m/s: the force grows by 16.8 N" in refusal(config)
 
 
 def test_a_capture_that_is_gone_is_refused_where_no_rig_is_attached(config):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eitskin.capture.interlock import Limits, State, judge
+from eitskin.capture.interlock import Limits, State, judge, judge_rise
 
 LIMITS = Limits(
     soft_N=12.0,
@@ -21,6 +21,8 @@ LIMITS = Limits(
     frozen_readings=8,
     latency_s=0.4,
     stiffness_N_per_mm=2.0,
+    least_stiffness_N_per_mm=0.2,
+    rise_mm=1.0,
 )
 BOX = ((-0.7, -0.5), (-0.3, -0.1), (-0.12, 0.1))
 SAFE_STATE = State(
@@ -119,6 +121,34 @@ def test_a_retreat_may_begin_below_the_box_but_not_beside_it():
     assert judge_state(pose_m=(-0.6, -0.2, -0.13), retreat_from_N=5.0) is None
     assert judge_state(pose_m=(-0.4, -0.2, -0.13), retreat_from_N=5.0) == "place"
     assert judge_state(pose_m=(-0.6, -0.2, math.nan), retreat_from_N=5.0) == "place"
+
+
+@pytest.mark.parametrize(
+    ("depths_mm", "forces_N", "stops"),
+    [
+        ([0.0], [0.15], False),
+        ([0.0, 0.5], [0.15, 0.15], False),  # too little depth to tell
+        ([0.0, 0.5, 1.0], [0.15, 0.15, 0.36], False),
+        ([0.0, 0.5, 1.0], [0.15, 0.3, 0.34], True),
+        ([0.0, 3.0], [0.15, 0.74], True),
+        ([0.0, 3.0], [0.15, 0.76], False),
+        ([0.0, 1.0, 2.0], [0.15, 5.0, 5.1], True),
+        ([0.0, 1.0, 1.2], [0.15, 5.0, 4.6], True),
+        ([0.0, 1.0, 1.2], [0.15, 5.0, 4.8], False),
+        ([0.0, 0.1], [0.15, math.nan], True),
+        ([0.0, 1.0], [0.15, math.nan], True),
+    ],
+)
+def test_the_force_must_follow_the_depth(depths_mm, forces_N, stops):
+    stop = judge_rise(depths_mm, forces_N, LIMITS)
+    assert (stop is not None and stop.reason == "load cell deaf") == stops
+
+
+@given(st.floats(0.21, 5.0), st.floats(0.1, 3.0), st.integers(1, 20))
+def test_no_skin_within_the_stated_stiffness_is_a_deaf_cell(N_per_mm, step_mm, steps):
+    depths_mm = [step_mm * step for step in range(steps + 1)]
+    forces_N = [0.15 + N_per_mm * depth_mm for depth_mm in depths_mm]
+    assert judge_rise(depths_mm, forces_N, LIMITS) is None
 
 
 NUMBERS = st.floats(allow_nan=True, allow_infinity=True)

@@ -382,6 +382,35 @@ def test_a_board_that_is_unplugged_and_back(board):
     assert {"no touch", "touch"} & set(after)
 
 
+def test_a_board_that_repeats_a_frame_is_said_to_and_judged_no_more(board):
+    frozen = []
+
+    def freeze(board, number, line_V, line):
+        if 14 <= number < 24:
+            frozen.append(line)
+            return frozen[0]
+        return line
+
+    board(freeze)
+    lines = kinds(streamed(lambda lines: len(lines) >= 28))
+    troubles = [line for line in lines if "repeats itself" in line]
+    assert troubles[0].endswith(": 5 frames alike to the last digit") and len(troubles) == 6
+    assert {"no touch", "touch"} & set(lines[lines.index(troubles[-1]) + 1 :])
+
+
+def test_a_reader_that_stalls_is_told_how_late_each_frame_is(board):
+    board(lambda board, number, line_V, line: line)
+    streaming = running("board", "--model", "mlp.npz", "--json")
+    for _ in range(12):
+        assert json.loads(streaming.stdout.readline())["late_s"] >= 0.0
+    time.sleep(2.0)
+    delayed = [json.loads(streaming.stdout.readline()) for _ in range(6)]
+    streaming.kill()
+    streaming.communicate(timeout=60)
+    written_s = delayed[0]["time_s"]  # before the reader stalled
+    assert min(line["time_s"] + line["late_s"] for line in delayed[1:]) > written_s + 1.0
+
+
 def test_a_board_of_another_kind_is_refused(board):
     board(fault("long", range(100)))
     with pytest.raises(InputError) as refused:

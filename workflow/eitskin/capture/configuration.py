@@ -8,7 +8,8 @@ import yaml
 from eitskin import yaml_file
 from eitskin.capture.interlock import Limits
 from eitskin.capture.press_plan import places
-from eitskin.capture.wire import BOARDS
+from eitskin.capture.robot import STOP_S
+from eitskin.capture.wire import BOARDS, LARGEST_N
 from eitskin.errors import InputError
 from eitskin.physics.skin import Skin
 from eitskin.schema import Validator, dotted, explained
@@ -39,8 +40,8 @@ def validate(rig: object, file: str | Path) -> None:
 def check(rig: dict, file: str | Path) -> None:
     """Raise InputError naming `file` for a rig that its schema allows and that is unsafe.
 
-    That is one whose plan leaves its box, whose limits are passed before the robot can stop, or
-    whose skin does not suit its board.
+    That is one whose plan leaves its box, whose limits contradict each other or are passed before
+    the robot can stop, or whose skin does not suit its board.
     """
     skin = believed_skin(rig, file)
     n = BOARDS[rig["board"]["profile"]].n_electrodes
@@ -50,7 +51,9 @@ def check(rig: dict, file: str | Path) -> None:
     if rig["board"]["frame_s"] > rig["board"]["period_s"]:
         expected = f"at most period_s, {rig['board']['period_s']}"
         raise InputError(file, "rig.board.frame_s", rig["board"]["frame_s"], expected)
-    _check_forces(rig, file)
+    _check_limits(rig, file)
+    _check_speeds(rig, file)
+    _check_depths(rig, file)
     _check_box(rig, file)
 
 
@@ -70,33 +73,101 @@ def pressing_m_s(motion: dict) -> float:
     return max(motion["press_m_s"], motion["search_m_s"])
 
 
-def _check_forces(rig: dict, file: str | Path) -> None:
-    """Refuse forces and speeds at which the robot cannot be stopped before the hard limit."""
-    limits, plan, motion = rig["limits"], rig["plan"], rig["motion"]
+def _check_limits(rig: dict, file: str | Path) -> None:
+    """Refuse forces and stiffnesses that are not in their order."""
+    limits, plan = rig["limits"], rig["plan"]
+    if limits["hard_N"] > LARGEST_N:
+        expected = f"at most {LARGEST_N:g} N, the largest reading that is believed"
+        raise InputError(file, "rig.limits.hard_N", limits["hard_N"], expected)
     least_N, largest_N = plan["target_N"]
     if not least_N <= largest_N < limits["soft_N"]:
         expected = f"two forces in order, below limits.soft_N, {limits['soft_N']}"
         raise InputError(file, "rig.plan.target_N", [least_N, largest_N], expected)
-    if not plan["touch_N"] < least_N:
-        raise InputError(
-            file, "rig.plan.touch_N", plan["touch_N"], f"less than {least_N}, a target"
-        )
+    rise_N = limits["least_stiffness_N_per_mm"] * limits["rise_mm"]
+    for place, value, limit, limit_text in (
+        ("limits.soft_N", limits["soft_N"], limits["hard_N"], "hard_N"),
+        ("limits.jump_N", limits["jump_N"], limits["hard_N"] - limits["soft_N"], "hard_N - soft_N"),
+        ("limits.zero_N", limits["zero_N"], least_N, "a target"),
+        ("plan.touch_N", plan["touch_N"], least_N, "a target"),
+        ("plan.touch_N", plan["touch_N"], rise_N, "rise_mm times least_stiffness_N_per_mm"),
+        (
+            "limits.least_stiffness_N_per_mm",
+            limits["least_stiffness_N_per_mm"],
+            limits["stiffness_N_per_mm"],
+            "stiffness_N_per_mm",
+        ),
+    ):
+        if not value < limit:
+            expected = f"less than {limit:g}, {limit_text}"
+            raise InputError(file, f"rig.{place}", value, expected)
+
+
+def _check_speeds(rig: dict, file: str | Path) -> None:
+    """Refuse speeds and delays at which the robot cannot be stopped before the hard limit."""
+    limits, plan, motion = rig["limits"], rig["plan"], rig["motion"]
+    stiffness = limits["stiffness_N_per_mm"]
+    braking_s = motion["travel_m_s"] / motion["stop_m_s2"]
+    if braking_s > STOP_S:
+        violation = f"{motion['stop_m_s2']} m/s²: {braking_s:g} s from {motion['travel_m_s']} m/s"
+        raise InputError(file, "rig.motion.stop_m_s2", violation, f"at most {STOP_S} s")
     speed = pressing_m_s(motion)
+    braking_m = 0.5 * speed**2 / motion["stop_m_s2"]
     margin_N = limits["hard_N"] - limits["soft_N"]
     for place, delay_s, cause in (
-        ("rig.motion", limits["latency_s"], "before it is read"),
+        ("rig.motion", limits["latency_s"], "before it is read and the arm stands"),
         ("rig.limits.watchdog_Hz", 1.0 / limits["watchdog_Hz"], "without the host"),
     ):
-        growth_N = speed * 1e3 * delay_s * limits["stiffness_N_per_mm"]
+        growth_N = 1e3 * (speed * delay_s + braking_m) * stiffness
         if growth_N > margin_N * (1.0 + 1e-9):
             violation = f"{speed} m/s: the force grows by {growth_N:g} N {cause}"
             expected = f"at most {margin_N:g} N, from soft_N to hard_N"
             raise InputError(file, place, violation, expected)
-    step_N = plan["step_mm"] * limits["stiffness_N_per_mm"]
-    if largest_N + step_N >= limits["hard_N"]:
-        violation = f"{plan['step_mm']} mm, up to {step_N:g} N more"
-        expected = f"a step from {largest_N} N that stays below hard_N, {limits['hard_N']}"
-        raise InputError(file, "rig.plan.step_mm", violation, expected)
+    search_margin_N = limits["hard_N"] - plan["touch_N"]
+    for key, delay_s in (
+        ("stale_s", limits["stale_s"]),
+        ("rejects", limits["rejects"] * limits["latency_s"]),
+        ("frozen_readings", limits["frozen_readings"] * limits["latency_s"]),
+    ):
+        growth_N = 1e3 * motion["search_m_s"] * delay_s * stiffness
+        if growth_N >= search_margin_N:
+            violation = f"{limits[key]}: a search adds {growth_N:g} N before it is noticed"
+            expected = f"less than {search_margin_N:g} N, from touch_N to hard_N"
+            raise InputError(file, f"rig.limits.{key}", violation, expected)
+
+
+def _check_depths(rig: dict, file: str | Path) -> None:
+    """Refuse depths at which a skin may be pressed beyond the hard limit by a cell that fails."""
+    limits, plan = rig["limits"], rig["plan"]
+    stiffness, hard_N = limits["stiffness_N_per_mm"], limits["hard_N"]
+    least_N, largest_N = plan["target_N"]
+    # A cell that reads the stiffest skin like the softest, the least that is believed.
+    touch_N = plan["touch_N"] * stiffness / limits["least_stiffness_N_per_mm"]
+    touch_N += 1e3 * rig["motion"]["search_m_s"] * limits["latency_s"] * stiffness
+    n_steps = math.ceil(limits["rise_mm"] / plan["step_mm"] * (1.0 - 1e-9)) + 1
+    stepped_N = n_steps * plan["step_mm"] * stiffness
+    for place, value_mm, reached_N, cause in (
+        ("search_mm", plan["search_mm"], plan["search_mm"] * stiffness, "if no touch is felt"),
+        (
+            "depth_cap_mm",
+            plan["depth_cap_mm"],
+            touch_N + plan["depth_cap_mm"] * stiffness,
+            "on the stiffest skin, whatever the load cell says",
+        ),
+        (
+            "step_mm",
+            plan["step_mm"],
+            largest_N + stepped_N,
+            f"{n_steps} steps from {largest_N} N on, before a deaf load cell is noticed",
+        ),
+    ):
+        if not reached_N < hard_N:
+            violation = f"{value_mm} mm: up to {reached_N:g} N {cause}"
+            expected = f"less than hard_N, {hard_N} N"
+            raise InputError(file, f"rig.plan.{place}", violation, expected)
+    if plan["depth_cap_mm"] * stiffness < least_N:
+        violation = f"{stiffness} N/mm: at most {plan['depth_cap_mm'] * stiffness:g} N at the cap"
+        expected = f"a stiffest skin on which a target, {least_N} N, is reached"
+        raise InputError(file, "rig.limits.stiffness_N_per_mm", violation, expected)
 
 
 def _check_box(rig: dict, file: str | Path) -> None:

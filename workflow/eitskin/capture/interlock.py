@@ -5,6 +5,7 @@ must be set so that nobody is hurt when all of this fails.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 # Values of RTDE's fields: Universal Robots, "Real-Time Data Exchange (RTDE) Guide".
@@ -30,6 +31,8 @@ class Limits:
     frozen_readings: int  # exactly equal force readings in a row
     latency_s: float  # from a force to its reading
     stiffness_N_per_mm: float  # of the stiffest skin pressed
+    least_stiffness_N_per_mm: float  # of the softest skin pressed
+    rise_mm: float  # depth over which the force must rise as that of the softest skin
 
 
 @dataclass(frozen=True)
@@ -129,4 +132,32 @@ def _force_stop(state: State, limits: Limits) -> Stop | None:
     if not state.jump_N <= limits.jump_N:
         detail = f"{state.jump_N:.2f} N between two readings (limit {limits.jump_N} N)"
         return Stop("force jump", f"the force jumped: {detail}")
+    return None
+
+
+def judge_rise(
+    depths_mm: Sequence[float], forces_N: Sequence[float], limits: Limits
+) -> Stop | None:
+    """The reason to stop a press in which the force does not follow the depth, or None.
+
+    `depths_mm` (n,) below the first touch grow, `forces_N` (n,) are the load cell's there. A cell
+    that sticks, saturates, drifts or has lost its bridge reads forces that no skin has: the last is
+    smaller than an earlier one by more than `zero_N`, or larger than that `rise_mm` or more above
+    by less than the softest skin adds.
+    """
+    *earlier_depths_mm, depth_mm = depths_mm
+    *earlier_forces_N, force_N = forces_N
+    largest_N = max(earlier_forces_N, default=-math.inf)
+    if not force_N >= largest_N - limits.zero_N:
+        detail = f"{force_N:.2f} N at {depth_mm:g} mm, {largest_N:.2f} N above"
+        return Stop("load cell deaf", f"the force falls while the depth grows: {detail}")
+    for earlier_mm, earlier_N in zip(earlier_depths_mm[::-1], earlier_forces_N[::-1], strict=True):
+        grown_mm = depth_mm - earlier_mm
+        if grown_mm < limits.rise_mm * (1.0 - 1e-9):
+            continue
+        least_N = limits.least_stiffness_N_per_mm * grown_mm
+        if not force_N - earlier_N >= least_N:
+            detail = f"{force_N - earlier_N:.2f} N over {grown_mm:g} mm, at least {least_N:.2f} N"
+            return Stop("load cell deaf", f"the force does not rise with the depth: {detail}")
+        return None
     return None

@@ -39,7 +39,8 @@ def stream(arguments: argparse.Namespace) -> int:
     if arguments.out is not None:
         description = predictor.header, source.is_difference, source.description, arguments.source
         recorder = Recorder(arguments.out, *description)
-    view, tally, exit_code = View(predictor.targets, arguments.json), Tally(), 0
+    view = View(predictor.targets, arguments.json, stop=stop)
+    tally, exit_code = Tally(), 0
 
     def request_stop(number: int, frame: FrameType | None) -> None:
         """End the stream after the present frame; at a second signal at once."""

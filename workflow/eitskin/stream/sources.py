@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 MAX_WRONG_LINES = 5  # before the first frame: one may be cut short, five are another board's
 SILENCE_LIMIT_S = 3.0  # without a line: some ten periods of the slowest board
 MIN_INTERVAL_S = 1e-4  # between two frames: a recording's time must increase
+FROZEN_FRAMES = 5  # alike to the last digit: no board whose noise reaches its step prints them
 POLL_S = 0.1  # from one look at the stop flag to the next: below what a person notices
 RECONNECT_LIMIT_S = 10.0  # without the port: enough to plug it in again
 
@@ -100,7 +101,8 @@ def _board_events(
 ) -> Iterator[Event]:
     """Frames and troubles of a board's lines.
 
-    Raises PortLost, and InputError where none of the first lines is a frame of this board.
+    A frame is a trouble where the board has repeated it FROZEN_FRAMES times. Raises PortLost, and
+    InputError where none of the first lines is a frame of this board.
     """
     from eitskin.capture.lines import Port  # pyserial, which recordings do without
 
@@ -110,7 +112,8 @@ def _board_events(
     except OSError as error:
         raise InputError(device, "port", error, "a board that nobody else has open") from None
     start_s = last_line_s = time.perf_counter()
-    line_number = n_rejects = n_frames = 0
+    line_number = n_rejects = n_frames = n_alike = 0
+    previous_raw = b""
     latest_s = -MIN_INTERVAL_S
     try:
         while not stop.is_requested:
@@ -119,6 +122,8 @@ def _board_events(
             for line in port.since(line_number):
                 if stop.is_requested:
                     return
+                if (n_lost := line.number - line_number - 1) > 0:
+                    yield Trouble(line.end_s - start_s, f"{n_lost} lines were not read in time")
                 line_number, last_line_s = line.number, line.end_s
                 if isinstance(line.value, Reject):
                     n_rejects += 1
@@ -129,6 +134,12 @@ def _board_events(
                     yield Trouble(line.end_s - start_s, f"a line refused, {message}")
                     continue
                 n_frames += 1
+                n_alike = n_alike + 1 if line.raw == previous_raw else 1
+                previous_raw = line.raw
+                if n_alike >= FROZEN_FRAMES:
+                    message = f"the board repeats itself: {n_alike} frames alike to the last digit"
+                    yield Trouble(line.end_s - start_s, message)
+                    continue
                 # lines that waited in a buffer have the host's time, one for all of them
                 latest_s = max(line.end_s - start_s, latest_s + MIN_INTERVAL_S)
                 reading = np.delete(line.value[measured_pairs], lost_channels)
