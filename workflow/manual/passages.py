@@ -126,6 +126,32 @@ def often() -> Iterable[str]:
     return table(("recordings", "what", "measured (95 %)"), lines)
 
 
+COMPARED = (  # lines of a score in which rigs with errors and without are set side by side
+    (NULL, "an effect named"),
+    (NULL, "something outside the catalogue flagged"),
+    (SINGLE, f"{RIGHT}, everything drawn"),
+    (SINGLE, f"{RIGHT}, gap ≥ 8"),
+    (SINGLE, f"{RIGHT}, gap 5 to 8"),
+    (SINGLE, f"{RIGHT}, gap 3 to 5"),
+    (SINGLE, "right electrode, drive, measuring pair or channels, gap ≥ 8"),
+    (SINGLE, "90 % intervals that hold the truth, gap ≥ 8"),
+    ("two effects", "F1 of the set, all"),
+    (FOREIGN, "flagged, everything drawn"),
+    (FOREIGN, "a certain name all the same"),
+    (FOREIGN, "falsely flagged: all without it"),
+    ("hidden frames, an effect", "noise-free values within the 90 % bands, mean"),
+)
+
+
+def compared() -> Iterable[str]:
+    """Scores of rigs with errors beside those without."""
+    lines = []
+    for of, what in COMPARED:
+        ours = [claim(block, of, what) for block in ("ordinary-report", "plain-report")]
+        lines.append((of, what, *map(_measured, ours), ours[0]["wanted"]))
+    return table(("recordings", "what", "with errors of the rig", "without", "wanted"), lines)
+
+
 def _final(of: str, what: str) -> dict[str, str]:
     lines = page_table("concealed/final.md", ("recordings", "what", "measured"))
     (line,) = [line for line in lines if (line["recordings"], line["what"]) == (of, what)]
@@ -401,7 +427,7 @@ def sample() -> Iterable[str]:
 PASSAGES: dict[str, Callable[..., Iterable[str]]] = {
     passage.__name__: passage
     for passage in (
-        *(calibration, often, final, objects, loop, table_1, front_table_1, latent_loss, sizes),
+        *(calibration, often, compared, final, objects, loop, table_1, front_table_1, latent_loss, sizes),
         *(tuning, tuning_quarter, ablation, limit, limit_ratios, lost_electrodes, speed, sample),
     )
 }
