@@ -413,6 +413,27 @@ def speed(name: str) -> Iterable[str]:
     return table(("", "unit", "ours", "beside", "", "ratio"), lines)
 
 
+def accuracy() -> Iterable[str]:
+    """The forward model's errors of `benchmark.accuracy`."""
+    rows = pd.read_csv(ROOT / "benchmarks" / "accuracy.csv")
+    lines = [
+        (row["skin"], row["accuracy"], *(_power(row[key]) for key in ("rms_error_of_median_v", "touch_error")))
+        for _, row in rows.iterrows()
+    ]
+    return table(("skin", "accuracy", "RMS error / median \\|v\\|", "touch: ‖error of ΔV‖ / ‖ΔV‖"), lines)
+
+
+def _power(value: float) -> str:
+    return f"{value:.1e}" if value else "closed form"
+
+
+def verdicts() -> Iterable[str]:
+    """The shares of frames of each verdict of `streamed_verdicts`."""
+    rows = pd.read_csv(ROOT / "benchmarks" / "verdicts.csv", index_col=0)
+    lines = [(name, *(f"{share:.2f}" for share in row)) for name, row in rows.iterrows()]
+    return table(("", *rows.columns), lines)
+
+
 def sample() -> Iterable[str]:
     """The sentence of the front page on its picture."""
     rows = pd.read_csv(ROOT / "docs" / "sample" / "picture.csv")
@@ -429,5 +450,6 @@ PASSAGES: dict[str, Callable[..., Iterable[str]]] = {
     for passage in (
         *(calibration, often, compared, final, objects, loop, table_1, front_table_1, latent_loss, sizes),
         *(tuning, tuning_quarter, ablation, limit, limit_ratios, lost_electrodes, speed, sample),
+        *(accuracy, verdicts),
     )
 }
