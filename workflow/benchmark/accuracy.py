@@ -66,7 +66,7 @@ def table(geometries: dict[str, Geometry]) -> pd.DataFrame:
 
 
 def main() -> None:
-    """Print the table for skins from easy to hard contacts and write it to benchmarks/accuracy.csv."""
+    """Print the table for skins from easy to hard contacts; write it to benchmarks/accuracy.csv."""
     angles = np.arange(16) * 22.5
     per_electrode = np.ones(len(angles))
     geometries = {

@@ -26,6 +26,8 @@ MEASURED = re.compile(
     rf"(?<![\w.]){NUMBER}(?: to {NUMBER})? (?:{UNIT})"  # a share, a factor, a time, an evidence
     rf"|(?<![\w.]){NUMBER} of (?:the |its |these )?{NUMBER}"  # a count
     rf"|± {NUMBER}"
+    r"|(?<![\w.])[0-9]+\.[0-9]+ (?:mm|N|mV|µV|V)\b"  # a length, a force, a voltage not whole
+    r"|\| \**[−+-]?[0-9]+\.[0-9]+[^|]*(?= \|)"  # a cell of a table that begins with a decimal
 )
 CODE = re.compile(r"```.*?```|`[^`\n]*`", re.DOTALL)
 
@@ -54,7 +56,9 @@ def test_no_measured_number_is_without_rows(page):
 @pytest.mark.parametrize("page", PAGES, ids=_name)
 def test_passages_are_what_their_rows_make(page):
     text = page.read_text(encoding="utf-8")
-    assert text.count("<!-- rows:") == text.count("<!-- end of rows -->") == len(PASSAGE.findall(text))
+    assert (
+        text.count("<!-- rows:") == text.count("<!-- end of rows -->") == len(PASSAGE.findall(text))
+    )
     assert filled(text) == text
 
 
