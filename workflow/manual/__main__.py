@@ -17,8 +17,8 @@ if __name__ == "__main__":
     for name, page in PAGES.items():
         with atomic_path(DOCS / name) as path:
             path.write_text(page(), encoding="utf-8")
-    for page in SHOWING_ROWS:
-        before = page.read_text(encoding="utf-8")
+    for file in SHOWING_ROWS:
+        before = file.read_text(encoding="utf-8")
         if (after := filled(before)) != before:
-            with atomic_path(page) as path:
+            with atomic_path(file) as path:
                 path.write_text(after, encoding="utf-8")

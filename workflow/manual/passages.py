@@ -99,7 +99,7 @@ OFTEN = (  # of the front page: lines of the score of `ordinary-report`, and wha
     (SINGLE, f"{RIGHT}, gap ≥ 8", "these with a gap of 8 noise units or more"),
     (FOREIGN, "flagged, everything drawn", "physics that has no name, flagged"),
     (FOREIGN, "a name of the catalogue all the same", "a name given all the same"),
-    (FOREIGN, "a certain name all the same", "a *certain* name given"),
+    (FOREIGN, "a certain name of the catalogue all the same", "a *certain* name given"),
     (FOREIGN, "called explained", "called *explained*"),
 )
 SEALED = (  # the same of the final block
@@ -118,7 +118,7 @@ def often() -> Iterable[str]:
         low, _, high = line["95 %"].partition(" to ")
         interval_text = f"{low.removesuffix(' %')} to {high}"
         lines.append((what, f"{line['measured']} of {line['n']} ({interval_text})"))
-    return table(("recordings by rigs with errors", "measured (95 %)"), lines)
+    return table(("recordings", "measured (95 %)"), lines)
 
 
 COMPARED = (  # lines of a score in which rigs with errors and without are set side by side
@@ -132,7 +132,7 @@ COMPARED = (  # lines of a score in which rigs with errors and without are set s
     (SINGLE, "90 % intervals that hold the truth, gap ≥ 8"),
     ("two effects", "F1 of the set, all"),
     (FOREIGN, "flagged, everything drawn"),
-    (FOREIGN, "a certain name all the same"),
+    (FOREIGN, "a certain name of the catalogue all the same"),
     (FOREIGN, "falsely flagged: all without it"),
     ("hidden frames, an effect", "noise-free values within the 90 % bands, mean"),
 )
@@ -298,8 +298,8 @@ def sizes() -> Iterable[str]:
     for widths, group in rows.groupby("widths", sort=False):
         axes = _by_axis(group)
         cells = [
-            _signed(*axes[target, metric][["difference", "low", "high"]], digits + 1)
-            for target, metric, digits in AXES
+            _signed(row["difference"], row["low"], row["high"], digits + 1)
+            for row, digits in ((axes[target, metric], digits) for target, metric, digits in AXES)
         ]
         lines.append((str(widths).replace("x", ", "), *cells))
     return table(("hidden", *HEAD), lines)

@@ -110,7 +110,7 @@ outside the catalogue
   flagged, SNR ≥ 8 after the best fit | foreign, SNR ≥ 8 | share flagged | ≥ 0.7
   flagged, everything drawn | foreign | share flagged
   a name of the catalogue all the same | foreign | share named
-  a certain name all the same | foreign | share certain
+  a certain name of the catalogue all the same | foreign | share certain
   called explained | foreign | share explained
   falsely flagged: all without it | native | share flagged | ≤ 0.05
   AUROC of other.probability, SNR ≥ 8 after the best fit | all | area

@@ -21,13 +21,14 @@ ROWS = {  # pages with tables that a command wrote: a line a recording, a case o
 } | {"docs/paper/table_2.md"}
 STATED = yaml.safe_load((Path(__file__).parent / "stated.yaml").read_text(encoding="utf-8"))
 NUMBER = r"[0-9][0-9.,·⁻⁰¹²³⁴⁵⁶⁷⁸⁹]*"
-UNIT = r"%|×|times\b|processor|ms\b|s\b|seconds?\b|min(?:utes?)?\b|hours?\b|h\b|[KMG]i?B\b|nats\b"
+TIME = r"processor|ms\b|s\b|seconds?\b|min(?:utes?)?\b|hours?\b|h\b"
+UNIT = rf"%|\N{{MULTIPLICATION SIGN}}|times\b|{TIME}|[KMG]i?B\b|nats\b"
 MEASURED = re.compile(
     rf"(?<![\w.]){NUMBER}(?: to {NUMBER})? (?:{UNIT})"  # a share, a factor, a time, an evidence
     rf"|(?<![\w.]){NUMBER} of (?:the |its |these )?{NUMBER}"  # a count
     rf"|± {NUMBER}"
     r"|(?<![\w.])[0-9]+\.[0-9]+ (?:mm|N|mV|µV|V)\b"  # a length, a force, a voltage not whole
-    r"|\| \**[−+-]?[0-9]+\.[0-9]+[^|]*(?= \|)"  # a cell of a table that begins with a decimal
+    r"|\| \**[\N{MINUS SIGN}+-]?[0-9]+\.[0-9]+[^|]*(?= \|)"  # a table's cell that begins so
 )
 CODE = re.compile(r"```.*?```|`[^`\n]*`", re.DOTALL)
 
