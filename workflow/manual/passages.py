@@ -62,7 +62,7 @@ def _measured(line: dict) -> str:
 def calibration(block: str) -> Iterable[str]:
     """All lines of a block's score that count any recording; kinds of a block below each other."""
     lines = summary(block)
-    lines = lines[lines["n"] > 0]
+    lines = lines[(lines["n"] > 0) & lines["value"].notna()]
     of_kind = lines["of"].isin({*QUERY_KINDS, *OWNER_KINDS})
     columns = ("of", "what", "value", "low", "high", "hits", "n", "wanted", "met")
     cells = [
