@@ -1,10 +1,9 @@
 """The numerical error of the forward model, on skins from easy to hard contacts."""
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 
+from benchmark.rows import ROOT
 from eitskin.atomic import atomic_path
 from eitskin.physics.accuracy import CONTRASTS, FINEST, electrode_limit
 from eitskin.physics.forward import ACCURACIES, Forward, channel_values
@@ -14,7 +13,7 @@ from eitskin.progress import patient
 from eitskin.simulate.layout import polar_grid
 
 PROBES_MM = (7.0, 10.0, 15.0)  # diameters: over the range of usual probes
-CSV = Path("results/accuracy.csv")
+CSV = ROOT / "benchmarks" / "accuracy.csv"
 
 
 def table(geometries: dict[str, Geometry]) -> pd.DataFrame:
@@ -67,7 +66,7 @@ def table(geometries: dict[str, Geometry]) -> pd.DataFrame:
 
 
 def main() -> None:
-    """Print the table for skins from easy to hard contacts and write it to results/accuracy.csv."""
+    """Print the table for skins from easy to hard contacts; write it to benchmarks/accuracy.csv."""
     angles = np.arange(16) * 22.5
     per_electrode = np.ones(len(angles))
     geometries = {

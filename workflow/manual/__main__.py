@@ -1,11 +1,12 @@
-"""Write the pages of `docs` that are made from the code: `python -m manual`."""
-
-from pathlib import Path
+"""Write the pages of `docs` that are made from the code, and in all pages the passages that show
+rows: `python -m manual`."""
 
 from eitskin.atomic import atomic_path
 from manual import catalogue, gates, keys
+from manual.passages import filled
+from manual.rows import DOCS, ROOT
 
-DOCS = Path(__file__).parents[2] / "docs"
+SHOWING_ROWS = (ROOT / "README.md", *sorted(DOCS.rglob("*.md")))
 PAGES = {
     "effects.md": catalogue.page,
     "gates.md": gates.page,
@@ -16,3 +17,8 @@ if __name__ == "__main__":
     for name, page in PAGES.items():
         with atomic_path(DOCS / name) as path:
             path.write_text(page(), encoding="utf-8")
+    for file in SHOWING_ROWS:
+        before = file.read_text(encoding="utf-8")
+        if (after := filled(before)) != before:
+            with atomic_path(file) as path:
+                path.write_text(after, encoding="utf-8")

@@ -82,6 +82,16 @@ def is_flagged(row: dict) -> bool:
     return row["said"]["other"]["probability"] >= NOTHING_UNNAMED.threshold
 
 
+def is_certain(row: dict) -> bool:
+    """Whether the diagnosis names an effect as certain."""
+    return any(entry["certain"] for entry in row["said"]["effects"])
+
+
+def is_explained(row: dict) -> bool:
+    """Whether the diagnosis says that what it names explains the misfit."""
+    return row["said"]["verdict"] == "explained"
+
+
 def is_noticed(row: dict) -> bool:
     """Whether a diagnosis says that something is left out, with a name or without."""
     return is_named(row) or is_flagged(row)
@@ -262,6 +272,25 @@ def calibration_error(rows: Rows) -> dict:
     return resampled(len(rows), error)
 
 
+def constant_calibration_error(rows: Rows) -> dict:
+    """Expected calibration error of a probability that is the same for every recording, the
+    prevalence in `rows`; over recordings drawn anew that differs from theirs."""
+    _, foreign = stated_probability(rows)
+    return resampled(len(rows), lambda index: float(abs(foreign.mean() - foreign[index].mean())))
+
+
+def brier_ratio(rows: Rows) -> dict:
+    """Brier's score of other.probability over that of the prevalence, said of every recording: 1
+    where it tells nothing, 0 where it tells all."""
+    probability, foreign = stated_probability(rows)
+
+    def ratio(index: np.ndarray) -> float:
+        error = ((probability[index] - foreign[index]) ** 2).mean()
+        return float(error / foreign[index].var()) if foreign[index].var() > 0 else float("nan")
+
+    return resampled(len(rows), ratio)
+
+
 def calibration_slope(rows: Rows) -> dict:
     """Slope of the logistic regression of what is foreign on other.probability's logit (Cox
     1958)."""
@@ -399,6 +428,8 @@ WORDS = Words(
         "named": is_named,
         "flagged": is_flagged,
         "noticed": is_noticed,
+        "certain": is_certain,
+        "explained": is_explained,
         "broken off": is_broken,
         "named or broken off": is_alarm(is_named),
         "flagged or broken off": is_alarm(is_flagged),
@@ -423,6 +454,8 @@ WORDS = Words(
         "F1": f1,
         "AUROC": auroc,
         "calibration error": calibration_error,
+        "calibration error of a constant": constant_calibration_error,
+        "Brier ratio": brier_ratio,
         "calibration slope": calibration_slope,
         "unknown gaps": unknown_gaps,
     },

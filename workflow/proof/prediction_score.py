@@ -203,6 +203,7 @@ WORDS = Words(  # of lines of the two tables
 QUERIES = WORDS.claims("""
 all queries
   after worse than before by over 2 standard errors | predicted | share worse | ≤ 0.02
+  the same, of those with a name | predicted, named | share worse
   after better by over 2 standard errors | predicted | share better
   no verdict, of one unit | predicted | share no verdict
   rms error after over before, largest | predicted | largest ratio | ≤ 1.1

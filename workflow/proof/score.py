@@ -97,6 +97,7 @@ one effect
   right name or declared class, gap ≥ 8 | single, gap ≥ 8 | share right | ≥ 0.93
   right name or declared class, gap 5 to 8 | single, gap 5 to 8 | share right
   right name or declared class, gap 3 to 5 | single, gap 3 to 5 | share right
+  right name or declared class, everything drawn | single | share right
   {at}, gap ≥ 8 | single, gap ≥ 8, sited | share sites right | ≥ 0.95
   {at}, of those rightly named | single, gap ≥ 8, sited, right | share sites right
   class declared in full, of several | single, gap ≥ 8, class, right | share class declared
@@ -107,11 +108,16 @@ one effect
     + """
 outside the catalogue
   flagged, SNR ≥ 8 after the best fit | foreign, SNR ≥ 8 | share flagged | ≥ 0.7
-  flagged, all | foreign | share flagged
+  flagged, everything drawn | foreign | share flagged
+  a name of the catalogue all the same | foreign | share named
+  a certain name of the catalogue all the same | foreign | share certain
+  called explained | foreign | share explained
   falsely flagged: all without it | native | share flagged | ≤ 0.05
   AUROC of other.probability, SNR ≥ 8 after the best fit | all | area
   other.probability: prevalence here | all | share foreign
   other.probability: expected calibration error | all | calibration error | ≤ 0.05
+  the same of the prevalence, said of every recording | all | calibration error of a constant
+  other.probability: Brier score over that of the prevalence | all | Brier ratio
   other.probability: slope | all | calibration slope
 errors of the rig
   size within a factor 1.5, of those that can be told | all | rig sizes within | ≥ 0.9

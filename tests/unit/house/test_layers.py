@@ -32,7 +32,7 @@ FLOORS = (  # from the ground up; what stands on one floor does not know each ot
 BESIDE = {  # what uses the tool, and what each may use of the others
     "benchmark": {"witness"},
     "loop": {"witness"},
-    "manual": set(),
+    "manual": {"proof", "witness"},
     "proof": {"witness"},
     "rigsim": set(),
     "witness": set(),

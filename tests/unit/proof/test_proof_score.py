@@ -43,6 +43,7 @@ def row(kind, seed, said=(), truth=(), gaps=(), scopes=None, probability=0.1, **
         "outside": None,
         "snr_left": 0.0,
         "said": {
+            "verdict": "explained" if said else "consistent",
             "effects": list(said),
             "other": {"probability": probability},
             "fit": {"held_out": fit},
@@ -258,7 +259,7 @@ def test_physics_outside_the_catalogue_counts_where_the_fit_leaves_some():
     table = score.diagnoses_summary(rows)
     flagged = line(table, "outside the catalogue", "flagged, SNR ≥ 8 after the best fit")
     assert (flagged["hits"], flagged["n"]) == (1, 2)
-    every = line(table, "outside the catalogue", "flagged, all")
+    every = line(table, "outside the catalogue", "flagged, everything drawn")
     assert (every["hits"], every["n"]) == (2, 3)
     what = "AUROC of other.probability, SNR ≥ 8 after the best fit"
     area = line(table, "outside the catalogue", what)
@@ -270,6 +271,30 @@ def test_physics_outside_the_catalogue_counts_where_the_fit_leaves_some():
     off = line(table, "outside the catalogue", "other.probability: expected calibration error")
     gaps = (bins["n"] * (bins["probability"] - bins["share"]).abs()).sum()
     assert off["value"] == pytest.approx(gaps / 5) and off["wanted"] == "≤ 0.05"
+
+
+def test_names_of_the_catalogue_beside_physics_that_has_none_are_counted():
+    law, said = {"law": "palm"}, [{"name": "relaxation", "certain": True}]
+    doubted = [{"name": "relaxation", "certain": False}]
+    rows = [
+        row("outside:palm", 1, said, probability=0.9, outside=law),
+        row("outside:palm", 2, doubted, outside=law),
+        row("outside:palm", 3, outside=law),
+        row("null", 1, said),
+    ]
+    table = score.diagnoses_summary(rows)
+    for what, hits in (("a name", 2), ("a certain name", 1)):
+        counted = line(table, "outside the catalogue", f"{what} of the catalogue all the same")
+        assert (counted["hits"], counted["n"]) == (hits, 3)
+    constant = line(
+        table, "outside the catalogue", "the same of the prevalence, said of every recording"
+    )
+    assert constant["value"] == 0.0
+    ratio = line(
+        table, "outside the catalogue", "other.probability: Brier score over that of the prevalence"
+    )
+    errors = np.array([0.1, 0.9, 0.9, 0.1])
+    assert ratio["value"] == pytest.approx((errors**2).mean() / (0.75 * 0.25))
 
 
 def test_a_probability_that_is_one_has_slope_one():

@@ -6,7 +6,7 @@ u[j+1] with current entering at k: so the sign agrees with a homogeneous disc's 
 
 The rod's places were not written down, so its frames cannot be touches; and they are not untouched
 either. They are left out, as are the 48 readings that share an electrode with their drive (the
-drive pair itself reads 15 times less than its neighbour there): `source` says so. As the part
+drive pair itself reads far less than its neighbour there): `source` says so. As the part
 `v_rotate:K` the rod's frame K is read alone, as a skin that nobody touches.
 """
 
