@@ -629,6 +629,21 @@ def test_labels_that_are_none_are_refused(write, tmp_path, name, values, match):
     refused(path, match)
 
 
+def test_forces_that_point_the_other_way_are_told(write):
+    table = labels().assign(force_N=-labels()["force_N"])
+    table = pd.concat([table, pd.DataFrame(frames(6)).add_prefix("v")], axis=1)
+    refused(
+        write(table.to_csv(index=False), ADJACENT), "the axis points the other way, write -force_N"
+    )
+
+
+def test_places_counted_from_the_skin_s_corner_are_told(write):
+    table = labels().assign(x_mm=labels()["x_mm"] + 60, y_mm=labels()["y_mm"] + 60)
+    table = pd.concat([table, pd.DataFrame(frames(6)).add_prefix("v")], axis=1)
+    path = write(table.to_csv(index=False), {**ADJACENT, "skin": {"radius_mm": 60.0}})
+    refused(path, "no place is negative: counted from the corner, subtract the radius")
+
+
 def test_labels_that_do_not_belong_to_the_frames_are_refused(write, tmp_path):
     labels().to_csv(tmp_path / "where.csv", index=False)
     description = {**ADJACENT, "labels": "where.csv"}

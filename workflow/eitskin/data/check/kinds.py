@@ -1,8 +1,9 @@
 """Whether values are what the file states: absolute, or differences from the untouched skin.
 
-Touches change absolute readings by a part of them: where readings of the untouched skin are
-smaller than the changes, all are differences. Changes and noise grow with the size of a reading, or are the same
-for all; where both are larger for smaller readings, they were divided by these.
+Touches change absolute readings by a part of them: where readings of the untouched skin are smaller
+than the changes, all are differences. Noise is the same for all readings or grows with them; where
+it is larger for smaller readings, and so are the changes, they were divided by these. Changes alone
+do not tell: near the electrodes some skins are stiff.
 """
 
 import numpy as np
@@ -11,7 +12,7 @@ from eitskin.data import alignment
 from eitskin.data.recording import Recording
 
 MIN_TOUCHED, MIN_UNTOUCHED, MIN_CHANNELS = 5, 5, 20
-MAX_SLOPE = -0.2  # of log change over log reading: -0.3 to -1 where normalised, 0 to 0.7 else
+MAX_SLOPE = -0.3  # of log size over log reading: -0.3 to -1 where normalised, noise else 0 to 0.5
 
 
 def is_difference(recording: Recording) -> bool:
@@ -29,17 +30,17 @@ def is_difference(recording: Recording) -> bool:
 
 
 def is_normalised(recording: Recording) -> bool:
-    """Whether values stated as differences were divided by the untouched readings."""
-    angles = recording.skin.electrode_deg
+    """Whether values stated as differences were divided by the untouched readings; False without
+    untouched frames, which tell the noise."""
     touch = recording.frames["touch"].to_numpy(dtype=bool)
-    if recording.metadata["values"] != "difference" or angles is None or touch.sum() < MIN_TOUCHED:
+    untouched = recording.readings[~touch]
+    if recording.metadata["values"] != "difference" or recording.skin.electrode_deg is None:
         return False
-    readings = recording.readings
-    slopes = [_slope(recording, _column_median(np.abs(readings[touch])))]
-    untouched = readings[~touch]
-    if len(untouched) >= MIN_UNTOUCHED and untouched.any():
-        slopes.append(_slope(recording, _column_median(np.abs(np.diff(untouched, axis=0)))))
-    return max(slopes) < MAX_SLOPE
+    if touch.sum() < MIN_TOUCHED or len(untouched) < MIN_UNTOUCHED:
+        return False
+    noise = _column_median(np.abs(np.diff(untouched, axis=0)))
+    change = _column_median(np.abs(recording.readings[touch]))
+    return _slope(recording, noise) < MAX_SLOPE and _slope(recording, change) < MAX_SLOPE
 
 
 def _slope(recording: Recording, size: np.ndarray) -> float:

@@ -1,12 +1,12 @@
 """Other laboratories' files as recordings; one module for each format.
 
-A format is a module of its name with `matches(path) -> bool`, by content, `load(path) ->
-Recording` and, where that reads more than one file, `files(path) -> list[Path]`; FORMATS lists all,
-and a module is imported when it is needed. `LEFT_OPEN` names the settings that its files do not
-state and `load` takes (`order`, `drive`, `measure`, `array`, `frequency`); `PARTS` names frames that
-are left out unless one is passed to `load` as `part`, of several frames with a number, `NAME:3`;
-`accepts(path) -> bool` says of a file that no format matches whether it is one all the same, or
-raises InputError that says what it lacks.
+A format is a module of its name with `matches(path) -> bool`, by content, `load(path)`, which
+returns a Recording, and, where that reads more than one file, `files(path) -> list[Path]`; FORMATS
+lists all, and a module is imported when it is needed. `LEFT_OPEN` names the settings that its files
+do not state and `load` takes (`order`, `drive`, `measure`, `array`, `frequency`); `PARTS` names
+frames that are left out unless one is passed to `load` as `part`, of several frames with a number,
+`NAME:3`; `accepts(path) -> bool` says of a file that no format matches whether it is one all the
+same, or raises InputError that says what it lacks.
 """
 
 from dataclasses import replace

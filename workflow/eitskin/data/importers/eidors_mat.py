@@ -10,9 +10,9 @@ Where a forward model in the file has its `stimulation`, that is the channel tab
 and `meas_pattern` of every drive, unless `drive` or `measure` is given.
 
 Of several such arrays the named one is read, or the one whose name says that it is the reference
-(`vh`, `v_homg`, `ref...`, `array_choice`); the others, objects at places that nobody wrote down, are
-neither touches at known places nor untouched frames and are left out. Frames are nobody's touches:
-they are taken for untouched.
+(`vh`, `v_homg`, `ref...`, `array_choice`); the others, objects at places that nobody wrote down,
+are neither touches at known places nor untouched frames and are left out. Frames are nobody's
+touches: they are taken for untouched.
 
 A forward model in the file (`nodes`, `electrode(k).nodes`) says what the outline is, and whether
 electrodes lie off the rim; its unit is nobody's, so that no size is taken from it.

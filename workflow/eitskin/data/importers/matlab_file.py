@@ -71,7 +71,7 @@ def named_arrays(path: Path, names: tuple[str, ...]) -> list[np.ndarray]:
 
 
 def _numeric(name: str, value: object) -> Iterator[tuple[str, np.ndarray]]:
-    if scipy.sparse.issparse(value):
+    if isinstance(value, scipy.sparse.csc_array | scipy.sparse.csc_matrix):
         value = value.toarray()
     if not isinstance(value, np.ndarray):
         return

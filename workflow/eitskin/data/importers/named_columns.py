@@ -39,8 +39,8 @@ def combined(path: Path, names: list[str], values: np.ndarray) -> tuple[list[str
     Phases are in degrees where one is beyond 2 pi, or as the names say; where neither tells, only
     magnitudes are taken. Raises InputError where a part of a reading is missing.
     """
-    matches = [PART.fullmatch(name) for name in names]
-    if not names or not all(matches):
+    matches = [match for name in names if (match := PART.fullmatch(name))]
+    if not names or len(matches) < len(names):
         return names, values, ""
     columns: dict[str, dict[str, int]] = {}
     for k, match in enumerate(matches):
