@@ -495,6 +495,10 @@ def test_of_several_arrays_the_reference_or_the_named_one_is_read(write, name):
 
 SLIPS = {
     "decimal commas": (lines(frames()).replace(".", ","), "semicolons or tabs between the numbers"),
+    "decimal commas, rounded": (
+        "\n".join(",".join(f"{value:.3f}" for value in row) for row in -frames()).replace(".", ","),
+        "found decimal commas, and commas between the numbers",
+    ),
     "turned": (lines(frames().T), "perhaps turned: its 40 rows would fit"),
     "cut in the first cell": (lines(frames()) + "0.0", "line 4: found 1 cells, expected 40"),
 }

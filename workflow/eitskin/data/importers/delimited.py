@@ -184,7 +184,10 @@ def _refuse_decimal_commas(path: Path, row: list[str]) -> None:
         len(wholes) == len(decimals)
         and all(re.fullmatch(r"[-+]?\d+", cell) for cell in wholes)
         and all(re.fullmatch(r"\d+(e[-+]?\d+)?", cell, re.IGNORECASE) for cell in decimals)
-        and len("".join(decimals)) >= 2 * len("".join(wholes))  # counts of a converter are not
+        and (  # which counts of a converter have not
+            any(re.match("[-+]", cell) for cell in wholes)
+            or any(re.match(r"0\d", cell) for cell in decimals)
+        )
     ):
         found = "decimal commas, and commas between the numbers"
         expected = "semicolons or tabs between the numbers, or decimal points"
