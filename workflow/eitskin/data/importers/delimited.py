@@ -187,6 +187,7 @@ def _refuse_decimal_commas(path: Path, row: list[str]) -> None:
         and (  # which counts of a converter have not
             any(re.match("[-+]", cell) for cell in wholes)
             or any(re.match(r"0\d", cell) for cell in decimals)
+            or min(map(len, decimals)) > max(map(len, wholes))
         )
     ):
         found = "decimal commas, and commas between the numbers"
