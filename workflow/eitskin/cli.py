@@ -227,6 +227,9 @@ def _add_reading(command: argparse.ArgumentParser) -> None:
     command.add_argument("--order", help="the order of the readings, as check names it")
     command.add_argument("--drive", help=f"the pairs that drive: {steps}")
     command.add_argument("--measure", help=f"the pairs measured: {steps}, or one with -reversed")
+    command.add_argument("--array", help="of several arrays in a file, the one with the readings")
+    words = "of several frequencies, the one to read"
+    command.add_argument("--frequency", type=float, metavar="HZ", help=words)
     _add_path(command, "--skin", "YAML: what you know of the skin beside what the file says")
 
 
@@ -245,7 +248,9 @@ def _load(
     """A recording, or a stretch of it, with its owner's statements about channels and skin."""
     protocol = arguments.order, arguments.drive, arguments.measure
     statements = {} if arguments.skin is None else stated.read(arguments.skin)
-    recorded = importers.load(file, arguments.format, *protocol, part)
+    recorded = importers.load(
+        file, arguments.format, *protocol, part, arguments.array, arguments.frequency
+    )
     recorded = stated.apply(statements, recorded, arguments.skin)
     return recorded if frames is None else subset.stretch(recorded, *frames, file)
 
@@ -307,9 +312,9 @@ def _print_step_commands(checked: check.Check, count: int, arguments: argparse.N
     if not steps:
         return
     argument_values = vars(arguments)
-    options = ("format", "order", "drive", "measure", "skin", "query")
+    options = ("format", "order", "drive", "measure", "array", "frequency", "skin", "query")
     option_values = [
-        (f"--{key}", argument_values[key])
+        (f"--{key}", str(argument_values[key]))
         for key in options
         if argument_values.get(key) is not None
     ]

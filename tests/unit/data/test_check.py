@@ -333,6 +333,31 @@ def test_sessions_without_untouched_frames_do_not_stop_the_check(make_recording)
     assert "frames" in topics(recording, FACT)
 
 
+@pytest.mark.parametrize("n", [8, 16])
+def test_differences_that_are_stated_as_absolute_are_told(make_recording, n):
+    recording = make_recording(presses=4, noise=1e-6, n_electrodes=n)
+    recording.voltage -= recording.voltage[untouched(recording)].mean(axis=0)
+    (finding,) = check.check(recording).of_severity(ERROR)
+    assert finding.topic == "values" and finding.sentence.endswith("State values: difference.")
+
+
+@pytest.mark.parametrize("normalised", [False, True])
+@pytest.mark.parametrize("n", [8, 16])
+def test_normalised_differences_are_told(make_recording, normalised, n):
+    recording = make_recording(presses=4, noise=1e-6, n_electrodes=n)
+    still = recording.voltage[untouched(recording)].mean(axis=0)
+    recording.voltage = (recording.voltage - still) / (np.abs(still) if normalised else 1.0)
+    recording.metadata["values"] = "difference"
+    findings = check.check(recording).of_topic("values")
+    assert ["are normalised" in finding.sentence for finding in findings] == [True] * normalised
+
+
+def test_no_numbering_is_told_by_channels_in_a_wrong_order(make_recording):
+    recording = disordered(make_recording(presses=6), "drive-plus-ascending-own")
+    result = check.check(recording)
+    assert result.of_topic("order")[0].severity == ERROR and not result.of_topic("numbering")
+
+
 def test_a_broken_real_recording_is_unusable():
     folder = shared_data("pyeidors-tank/measurements/EIT_DEV_Test")
     (path,) = folder.glob("*Hz.csv")

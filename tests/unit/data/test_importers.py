@@ -2,6 +2,8 @@
 
 import re
 import sys
+import zipfile
+from importlib.util import find_spec
 
 import numpy as np
 import pandas as pd
@@ -58,6 +60,40 @@ def test_an_unknown_file_is_refused_with_the_known_formats(tmp_path):
     refused(path, "format: found 'csv', expected one of", "csv")
     path.write_bytes(bytes(range(256)))
     refused(path, "one of eit-recording")
+
+
+FOREIGN = {
+    "rec.xls": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "an Excel workbook of before 2007"),
+    "rec.csv.gz": (b"\x1f\x8b\x08\x00", "packed by gzip, expected it unpacked"),
+    "rec.bin": (bytes(range(128, 256)) * 40, "PulmoVista .* expected a .mat of it"),
+    "rec.eit": (
+        b"---Draeger EIT-Software---\r\nFormat: 51\r\n**\r\n" + bytes(range(256)),
+        "Draeger's binary .eit, which is not read, expected a .get, or a .mat",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+def test_a_file_of_another_program_is_named(tmp_path, name):
+    content, match = FOREIGN[name]
+    (tmp_path / name).write_bytes(content)
+    refused(tmp_path / name, match)
+
+
+def test_a_workbook_of_excel_is_named_or_read(tmp_path):
+    path = tmp_path / "rec.xlsx"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("xl/workbook.xml", "")
+    if find_spec("openpyxl") is None:
+        refused(path, "an Excel workbook, expected the sheet saved as CSV; or openpyxl installed")
+        return
+    refused(path, "a damaged Excel workbook")
+    columns = [f"v{k}" for k in range(40)]
+    pd.DataFrame(np.outer([1, 2], tank_reading(channel_table(8))), columns=columns).to_excel(
+        path, index=False
+    )
+    path.with_suffix(".yaml").write_text("{drive: adjacent, measurement: adjacent}")
+    assert importers.load(path).voltage.shape == (2, 40)
 
 
 def test_a_recording_of_our_own_is_read(make_recording, tmp_path):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.io
+import scipy.sparse
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -20,6 +21,57 @@ def refused(path, match, **settings):
 
 
 # --- EIDORS
+
+
+def stimulation(channels, n, sparse):
+    """EIDORS's `stimulation` of channels (M, 4) that stand drive by drive."""
+    drives = np.unique(channels[:, 0])
+    patterns = np.zeros((1, len(drives)), dtype=[("stim_pattern", "O"), ("meas_pattern", "O")])
+    for k, source in enumerate(drives):
+        rows = channels[channels[:, 0] == source]
+        drive, measured = np.zeros((n, 1)), np.zeros((len(rows), n))
+        drive[rows[0, 0]], drive[rows[0, 1]] = 1e-3, -1e-3
+        for j, (plus, minus) in enumerate(rows[:, 2:]):
+            measured[j, plus], measured[j, minus] = 1.0, -1.0
+        make = scipy.sparse.csc_array if sparse else np.asarray
+        patterns[0, k] = make(drive), make(measured)
+    return patterns
+
+
+@pytest.mark.parametrize("sparse", [True, False])
+@pytest.mark.parametrize(
+    ("n", "drive", "measure", "order"),
+    [
+        (16, "adjacent", "adjacent", None),
+        (16, "adjacent", "adjacent", "drive-plus-ascending-own"),
+        (16, "opposite", "adjacent", None),
+        (16, "skip-4", "skip-4", None),
+        (8, "skip-1", "adjacent", None),
+        (32, "opposite", "opposite", None),
+    ],
+)
+def test_the_stimulation_in_the_file_is_the_channel_table(
+    tmp_path, n, drive, measure, order, sparse
+):
+    table = channel_table(n, drive, measure)
+    table = table if order is None else in_order("", order, table, n)
+    values = readings(table, n)[:, None] * np.ones(3)
+    path = tmp_path / "tank.mat"
+    model = {"stimulation": stimulation(table, n, sparse), "nodes": np.zeros((4, 2))}
+    scipy.io.savemat(path, {"vv": {"meas": values, "fwd_model": model}})
+    imported_recording = importers.load(path)
+    np.testing.assert_array_equal(imported_recording.channels, table)
+    np.testing.assert_allclose(imported_recording.voltage, values.T)
+    assert "channels by fwd_model.stimulation" in imported_recording.metadata["source"]
+
+
+def test_a_stimulation_of_many_electrodes_is_refused(tmp_path):
+    patterns = stimulation(channel_table(16), 16, False)
+    patterns[0, 2]["stim_pattern"] = np.cos(np.arange(16.0))[:, None]
+    path = tmp_path / "tank.mat"
+    scipy.io.savemat(path, {"vh": frames(), "fmdl": {"stimulation": patterns}})
+    refused(path, r"stimulation\(3\)\.stim_pattern: found 16 electrodes .*expected two of opp")
+    assert importers.load(path, drive="adjacent").voltage.shape == (1, 208)
 
 
 def eidors_channels(n, with_driven=False):
@@ -76,6 +128,7 @@ def test_the_reference_is_read_and_what_has_objects_is_left_out(tmp_path):
     assert "vi.meas left out, objects at unknown places" in imported_recording.metadata["source"]
     scipy.io.savemat(path, {"a": vh, "b": vi})
     refused(path, r"a \(208, 2\), b \(208, 3\), expected one whose name says that it is the ref")
+    np.testing.assert_array_equal(importers.load(path, array="b").voltage, vi.T)
     scipy.io.savemat(path, {"vh": vh, "v_homg": vi, "other": vi})
     refused(path, r"found v_homg \(208, 3\), vh \(208, 2\)|found vh \(208, 2\), v_homg \(208, 3\)")
     scipy.io.savemat(path, {"vi": vi})

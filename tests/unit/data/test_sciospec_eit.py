@@ -193,3 +193,15 @@ def test_another_makers_file_is_told_apart(tmp_path):
     path = tmp_path / "breath.eit"
     path.write_bytes(b"\x33\x00\x00\x00**FileVersion 0" + bytes(300))
     refused(path, "no Sciospec .eit")
+
+
+@pytest.mark.parametrize(("frequency", "factor"), [(None, 1), (2000.0, 2), (3000.0, 3)])
+def test_one_of_several_frequencies_is_read(tmp_path, frequency, factor):
+    path = tmp_path / "setup_00001.eit"
+    path.write_text(eit_text(around(), frequencies=3))
+    imported_recording = importers.load(path, frequency=frequency)
+    expected = factor * 1e-3 * (PHASE * readings(channel_table(16), 16)).real
+    np.testing.assert_allclose(imported_recording.voltage[0], expected, rtol=1e-9)
+    assert f"{1000 * factor} Hz" in imported_recording.metadata["source"]
+    with pytest.raises(InputError, match="found 1500 Hz, expected one of 1000, 2000, 3000 Hz"):
+        importers.load(path, frequency=1500.0)

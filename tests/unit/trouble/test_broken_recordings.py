@@ -181,7 +181,7 @@ ANY_FILE = [
     Broken("absent", lambda: check(HERE / "absent"), "absent | file | no such file | recording"),
     Broken("empty", text("empty", ""), "empty | format | an empty file | one of eit-rec"),
     Broken("words", text("a.txt", "dear diary\n"), "a.txt | format | 'dear diary' | one of eit"),
-    Broken("bytes", text("a.bin", bytes(range(128, 256))), "a.bin | format | bytes | one of"),
+    Broken("bytes", text("a.bin", bytes(range(128, 256))), "a.bin | format | bytes | a .mat of it"),
     Broken("zeros", text("a.dat", bytes(400)), "a.dat | format | bytes | one of eit"),
     Broken("folder", lambda: check(HERE), ". | format | a folder | one of eit-rec"),
     Broken(
@@ -710,7 +710,7 @@ MATRIX = [
         lambda: check(
             sound.numpy_matrix(HERE, lambda path, one: np.savez(path, a=one, b=one), "frames.npz")
         ),
-        "frames.npz | arrays | a (3, 41), b (3, 41) | one of numbers",
+        "frames.npz | arrays | a (3, 41), b (3, 41) | --array NAME",
     ),
 ]
 STATED = [

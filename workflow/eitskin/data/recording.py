@@ -478,7 +478,10 @@ def _check_frames(file: str | Path, frames: pd.DataFrame) -> None:
         refuse(name, ~touch & ~np.isnan(place), "null where touch is false")
     force = frames["force_N"].to_numpy(dtype=float)
     refuse("force_N", ~touch & ~(np.isnan(force) | (force == 0)), "0 where touch is false")
-    refuse("force_N", (force < 0) | np.isinf(force), "0 N or more, or null")
+    pressed = force[touch & np.isfinite(force) & (force != 0)]
+    turned = "; all touched frames are negative: the axis points the other way, write -force_N"
+    hint = turned if len(pressed) and (pressed < 0).all() else ""
+    refuse("force_N", (force < 0) | np.isinf(force), f"0 N or more, or null{hint}")
     probe = frames["probe_mm"].to_numpy(dtype=float)
     refuse("probe_mm", ~touch & ~np.isnan(probe), "null where touch is false")
     refuse("probe_mm", (probe <= 0) | np.isinf(probe), "more than 0 mm, or null")
@@ -550,6 +553,9 @@ def _check_on_skin(file: str | Path, recording: Recording) -> None:
         expected = (
             f"at most {reach[bad_rows[0]]:.6g} mm: probe and skin, radius {radius:g}, must meet"
         )
+        x, y = touch_table["x_mm"].to_numpy(float), touch_table["y_mm"].to_numpy(float)
+        if np.nanmin([x, y]) >= 0 and not (np.hypot(x - radius, y - radius) > reach).any():
+            expected += "; no place is negative: counted from the corner, subtract the radius"
         raise InputError(file, place, violation, expected)
 
 

@@ -1,16 +1,16 @@
 """Checks of a recording: its contents, its quality and what it cannot show, in plain words.
 
-`measures`, `wiring`, `missing`, `plausibility`, `response`, `clipping`, `compliance`, `exchange`,
-`unlabelled` and `steps` measure and grade; `sentences` puts it into words, `suspicions` only where
-something looks wrong. Errors make a recording unusable as it is: a wrong channel order, readings
-that no passive skin gives, readings that never change.
+`kinds`, `measures`, `wiring`, `missing`, `plausibility`, `response`, `clipping`, `compliance`,
+`exchange`, `unlabelled` and `steps` measure and grade; `sentences` puts it into words, `suspicions`
+only where something looks wrong. Errors make a recording unusable as it is: values of another kind
+than stated, a wrong channel order, readings that no passive skin gives, readings that never change.
 """
 
 from pathlib import Path
 
 from eitskin.atomic import atomic_path
 from eitskin.data.check import sentences, suspicions
-from eitskin.data.check.finding import ERROR, FACT, UNOBSERVABLE, WARNING, Check
+from eitskin.data.check.finding import ERROR, FACT, UNOBSERVABLE, WARNING, Check, Finding
 from eitskin.data.recording import Recording
 from eitskin.errors import InputError
 from eitskin.progress import patient
@@ -41,14 +41,21 @@ def check(recording: Recording, progress: bool = False) -> Check:
     """All findings about a valid recording or query; `progress` shows a bar on stderr."""
     findings = sentences.contents(recording) + sentences.skin(recording)
     findings += sentences.outline(recording) + sentences.repeated_channels(recording)
+    if recording.voltage is not None:
+        refusals = sentences.dead_channels(recording) or suspicions.kind_of_values(recording)
+        if refusals:
+            return Check((*findings, *refusals))
     findings += suspicions.units(recording)
     if recording.voltage is not None:
-        dead_findings = sentences.dead_channels(recording)
-        if dead_findings:
-            return Check((*findings, *dead_findings))
         for examine in patient(EXAMINATIONS, "checking", progress):
+            if examine is sentences.numbering and _is_order_wrong(findings):
+                continue  # by channels of another order touches light up anywhere
             findings += examine(recording)
     return Check(tuple(findings))
+
+
+def _is_order_wrong(findings: list[Finding]) -> bool:
+    return any(finding.topic == "order" and finding.severity == ERROR for finding in findings)
 
 
 def text(report: Check) -> str:

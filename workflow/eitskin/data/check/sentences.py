@@ -130,7 +130,7 @@ def contents(recording: Recording) -> list[Finding]:
         _fact(
             "channels",
             f"{len(recording.channels)} of {recording.n_electrodes} electrodes, {drive} drive, "
-            f"{measure} measurement; {metadata['values']} values, {metadata['voltage']}, "
+            f"{measure} measurement; {metadata['values']} values, {_phase_text(recording)}, "
             f"unit {metadata['unit']}; places in the {metadata['position_frame']}'s frame.",
         )
     )
@@ -143,6 +143,11 @@ def contents(recording: Recording) -> list[Finding]:
                 span = f"{smallest:.3g} to {largest:.3g} {unit}, {n_values} different"
             findings.append(_fact(name.rsplit("_", 1)[0], f"{span}."))
     return findings
+
+
+def _phase_text(recording: Recording) -> str:
+    has_quadrature = recording.quadrature is not None
+    return f"{recording.metadata['voltage']}{', in-phase and quadrature' * has_quadrature}"
 
 
 def _count_text(count: int | None, singular: str, plural: str) -> str:

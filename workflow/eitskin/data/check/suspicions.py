@@ -5,6 +5,7 @@ to its findings, which are empty where nothing looks wrong.
 from eitskin.data.check import (
     compliance,
     exchange,
+    kinds,
     naming,
     plausibility,
     response,
@@ -24,6 +25,24 @@ def units(recording: Recording) -> list[Finding]:
         sentence = f"{doubt.key}: {doubt.observed}. Looks like {doubt.likely_mistake}{factor_text}."
         findings.append(Finding("units", WARNING, sentence, doubt.factor))
     return findings
+
+
+def kind_of_values(recording: Recording) -> list[Finding]:
+    """Values that are not of the stated kind, so that nothing else can be said of them."""
+    if kinds.is_difference(recording):
+        sentence = (
+            "the untouched skin reads less than touches change: these are differences, not "
+            "absolute values. State values: difference."
+        )
+        return [Finding("values", ERROR, sentence)]
+    if kinds.is_normalised(recording):
+        sentence = (
+            "these differences and their noise do not fall off with distance from the drive as "
+            "readings do: they are normalised, divided by the untouched readings. Multiply each "
+            "channel by the size of its untouched reading."
+        )
+        return [Finding("values", ERROR, sentence)]
+    return []
 
 
 def constant_frames(recording: Recording) -> list[Finding]:

@@ -1,11 +1,12 @@
 """Other laboratories' files as recordings; one module for each format.
 
-A format is a module of its name with `matches(path) -> bool`, by content, `load(path) -> Recording`
-and, where that reads more than one file, `files(path) -> list[Path]`; FORMATS lists all, and a
-module is imported when it is needed. `LEFT_OPEN` names the settings that its files do not state and
-`load` takes (`order`, `drive`, `measure`); `PARTS` names frames that are left out unless one is
-passed to `load` as `part`, of several frames with a number, `NAME:3`; `refusal(path) -> InputError
-| None` states what a file lacks to be one of the format.
+A format is a module of its name with `matches(path) -> bool`, by content, `load(path)`, which
+returns a Recording, and, where that reads more than one file, `files(path) -> list[Path]`; FORMATS
+lists all, and a module is imported when it is needed. `LEFT_OPEN` names the settings that its files
+do not state and `load` takes (`order`, `drive`, `measure`, `array`, `frequency`); `PARTS` names
+frames that are left out unless one is passed to `load` as `part`, of several frames with a number,
+`NAME:3`; `accepts(path) -> bool` says of a file that no format matches whether it is one all the
+same, or raises InputError that says what it lacks.
 """
 
 from dataclasses import replace
@@ -22,6 +23,18 @@ from eitskin.errors import InputError, imported, refused
 OWN_FORMAT = "eit-recording"
 SHOWN_BYTES = 32  # of an unknown file, in its refusal: within one line
 REQUIRED_FUNCTIONS = "matches", "load"
+FOREIGN = (  # mark at the beginning, ending of the name, what it is, what to bring instead
+    (b"\xd0\xcf\x11\xe0", None, "an Excel workbook of before 2007", "the sheet saved as CSV"),
+    (b"PK\x03\x04", ".ods", "an OpenDocument sheet", "the sheet saved as CSV"),
+    (b"PK\x03\x04", None, "a zip archive", "the files in it"),
+    (b"\x1f\x8b", None, "a file packed by gzip", "it unpacked"),
+    (
+        None,
+        ".bin",
+        "bytes, as Draeger's PulmoVista writes a .bin, which is not read",
+        "a .mat of it (EIDORS: eidors_readdata, save -v7), or frames x channels as CSV or .npy",
+    ),
+)
 FORMATS = (  # in the order in which a file's content is tried
     "matrix",  # by a description beside the file, whatever that is
     "logger-csv",
@@ -109,13 +122,16 @@ def load(
     drive: str | None = None,
     measure: str | None = None,
     part: str | None = None,
+    array: str | None = None,
+    frequency: float | None = None,
 ) -> Recording:
     """Read a recording of any known format, recognised by its content unless `format` names it.
 
     `order` is the readings' order, one of `channel_order.ORDERS`; `drive` and `measure` name the
-    pairs where the format's files do not; `part` selects frames that the format leaves out, read as
-    untouched. Raises InputError for a missing file, an unknown format, a file that breaks its
-    format, a setting that the format states itself, and an unknown part.
+    pairs where the format's files do not; `array` names one of several in a file, `frequency` one
+    in Hz; `part` selects frames that the format leaves out, read as untouched. Raises InputError
+    for a missing file, an unknown format, a file that breaks its format, a setting that the format
+    states itself, and an unknown part.
     """
     path = Path(path)
     if format is not None and format not in format_names():
@@ -125,7 +141,13 @@ def load(
     if format is None:
         format = _detect(path)
     module = None if format == OWN_FORMAT else _format_module(format)
-    settings = {"order": order, "drive": drive, "measure": measure}
+    settings = {
+        "order": order,
+        "drive": drive,
+        "measure": measure,
+        "array": array,
+        "frequency": frequency,
+    }
     caller_settings = {key: value for key, value in settings.items() if value is not None}
     format_settings = {
         key: caller_settings[key]
@@ -153,7 +175,7 @@ def load(
 
 
 def _read(
-    path: Path, module: ModuleType, format: str, format_settings: dict[str, str]
+    path: Path, module: ModuleType, format: str, format_settings: dict[str, str | float]
 ) -> Recording:
     try:
         imported_recording = module.load(path, **format_settings)
@@ -183,10 +205,13 @@ def _detect(path: Path) -> str:
     for name in FORMATS:
         if _matches(name, path):
             return name
-    for module in map(_format_module, FORMATS):
-        refusal = module.refusal(path) if hasattr(module, "refusal") else None
-        if refusal is not None:
-            raise refusal
+    for name in FORMATS:
+        module = _format_module(name)
+        if hasattr(module, "accepts") and module.accepts(path):
+            return name
+    for mark, suffix, content, expected in FOREIGN:
+        if path.is_file() and _is_foreign(path, mark, suffix):
+            raise InputError(path, "format", content, expected)
     unlisted = "".join(f"; {name} has no line in FORMATS" for name in _unlisted())
     raise InputError(
         path, "format", _content_text(path), f"one of {', '.join(format_names())}{unlisted}"
@@ -198,6 +223,16 @@ def _matches(format: str, path: Path) -> bool:
         return _format_module(format).matches(path)
     except UnicodeDecodeError:  # whoever takes every file for text
         return False
+
+
+def _is_foreign(path: Path, mark: bytes | None, suffix: str | None) -> bool:
+    """Whether a file is named so and begins with `mark`, or without one is no text."""
+    with path.open("rb") as stream:
+        head = stream.read(SHOWN_BYTES)
+    is_named = suffix is None or path.suffix.lower() == suffix
+    line = first_line(path)
+    is_text = bool(line) and line.isprintable()
+    return is_named and (head.startswith(mark) if mark else not is_text)
 
 
 def _content_text(path: Path) -> str:

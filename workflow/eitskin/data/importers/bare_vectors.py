@@ -7,6 +7,9 @@ and are left out) or for those away from the drive alone: n (n - 3) where both a
 n (n - 4) else; or, of those, for the first of every two that reciprocity makes alike (EIDORS
 `no_redundant`: 104 of 16 electrodes). They stand drive by drive, j ascending from electrode 0
 (EIDORS `no_rotate_meas`, pyEIT `std`), unless an order of `channel_order` is named.
+
+Measured against `ground`, a frame has the potential of every electrode for each drive, n n numbers;
+u[j] - u[j + 1] round the ring are its readings.
 """
 
 from dataclasses import dataclass
@@ -25,6 +28,7 @@ from eitskin.physics.protocol import every_channel, reciprocal_channels, undrive
 from eitskin.quantities import percent
 
 REVERSED = "-reversed"
+GROUND = "ground"  # as measurement: potentials of all electrodes
 MIN_GUESSED_ELECTRODES = 8  # fewer must be stated: 16 numbers may be a frame or a column
 MAX_CHECKED_FRAMES = 20  # enough for the misfit of reciprocity
 # Among all rings they would be ambiguous: half of one ring's readings are as many as another's.
@@ -36,16 +40,24 @@ UNTOUCHED = "no touches are said: taken for untouched"
 @dataclass(frozen=True)
 class Layout:
     """The channels (M, 4) of the `columns` (M,) int of a frame of `width` numbers; numbers in other
-    columns are left out."""
+    columns are left out. Where `subtrahends` (M,) are columns too, theirs are subtracted."""
 
     n_electrodes: int
     channels: np.ndarray
     columns: np.ndarray
     width: int
+    subtrahends: np.ndarray | None = None
+
+    def readings(self, frames: np.ndarray) -> np.ndarray:
+        """(F, M): the channels' readings in frames (F, width)."""
+        readings = frames[:, self.columns]
+        return readings if self.subtrahends is None else readings - frames[:, self.subtrahends]
 
     @property
     def left_out(self) -> str:
         """The remark in `source` about numbers that are left out."""
+        if self.subtrahends is not None:
+            return "potentials against ground: differences round the ring made"
         n = self.width - len(self.columns)
         return f"{n} numbers a frame at driven electrodes left out" if n else ""
 
@@ -77,6 +89,8 @@ def pattern_layout(
     The number of electrodes follows from the width where it is None; frames without reciprocal
     readings are then recognised for 16 and 32 electrodes alone. Raises InputError where none fits.
     """
+    if measure == GROUND:
+        return _ground_layout(file, width, drive, order, n_electrodes)
     size_texts, refusal = [], None
     min_electrodes = max(MIN_GUESSED_ELECTRODES, isqrt(width))
     guesses = [
@@ -103,6 +117,23 @@ def pattern_layout(
         raise refusal
     expected = f"{', '.join(dict.fromkeys(size_texts))} for drive {drive!r}, measure {measure!r}"
     raise InputError(file, "numbers a frame", width, expected)
+
+
+def _ground_layout(
+    file: str | Path, width: int, drive: str, order: str | None, n_electrodes: int | None
+) -> Layout:
+    """The layout of potentials against ground, drive by drive; raises InputError for another number
+    of them than n n, and for an order."""
+    n = isqrt(width) if n_electrodes is None else n_electrodes
+    if width != n * n or n < 4:
+        expected = f"{n * n} of {n} electrodes, potentials against ground, drive by drive"
+        raise InputError(file, "numbers a frame", width, expected)
+    if order is not None:
+        raise InputError(file, "order", repr(order), "none: potentials stand drive by drive")
+    channels = pattern_channels(file, n, drive, "adjacent")
+    columns = np.flatnonzero(undriven(channels))
+    row = columns - columns % n
+    return Layout(n, channels[columns], columns, width, row + (columns + 1) % n)
 
 
 def _without_reciprocals(channels: np.ndarray) -> np.ndarray:
@@ -203,7 +234,7 @@ def voltage_kind(frames: np.ndarray) -> str:
 def untouched_recording(frames: np.ndarray, layout: Layout, source: str) -> Recording:
     """A recording of untouched frames (F, width), real or complex, without times, in an arbitrary
     unit, with evenly spaced electrodes."""
-    readings = frames[:, layout.columns]
+    readings = layout.readings(frames)
     metadata = describe(
         layout.channels, even_angles(layout.n_electrodes), source, voltage_kind(readings)
     )

@@ -3,20 +3,28 @@
 UTF-8, with or without a byte-order mark, and UTF-16 with one. Empty lines and lines that begin with
 # are skipped. The first line names the columns where it holds words, beside words only whole
 numbers. A comma within a number is the decimal point where semicolons, tabs or spaces separate
-numbers.
+numbers. Complex numbers are a+bi or (a+bj).
+
+Boards write two other layouts: a frame over several lines, with a word in the line before each, and
+OpenEIT's log, `magnitudes : ...`, alone or in the cells of another table, of which nothing else is
+read. A workbook of Excel is read by its first sheet where openpyxl is installed.
 """
 
 import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from eitskin import text_file
+from eitskin.data.importers import workbook
 from eitskin.errors import InputError
 from eitskin.progress import patient
 
 LOST = ("", "nan", "na", "null", "none")
+MAX_DRIVE_NUMBERS = 32  # one an electrode
+LOGGED = re.compile(r"\bmagnitudes\s*:([^\"\n]*)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -40,14 +48,14 @@ class Cells:
         return [row[column] or None for row in self.rows]
 
     def numbers(self, columns: list[int]) -> np.ndarray:
-        """(rows, len(columns)) float64, NaN where a cell is one of LOST.
+        """(rows, len(columns)) float64, or complex128 where a cell is; NaN where one is of LOST.
 
         Raises InputError naming line and column for what is no finite number.
         """
         table = np.empty((len(self.rows), len(columns)))
         for k, row in enumerate(patient(self.rows, f"reading {self.path.name}")):
             try:
-                table[k] = [number(row[column], self.comma) for column in columns]
+                numbers = [number(row[column], self.comma) for column in columns]
             except ValueError:
                 bad_column = next(
                     column for column in columns if not is_number(row[column], self.comma)
@@ -55,6 +63,9 @@ class Cells:
                 name = self.names[bad_column] if self.names else bad_column
                 place = f"line {self.lines[k]}, column {name}"
                 raise InputError(self.path, place, repr(row[bad_column]), "a number") from None
+            if table.dtype != complex and any(isinstance(value, complex) for value in numbers):
+                table = table.astype(complex)
+            table[k] = numbers
         return table
 
 
@@ -64,18 +75,33 @@ def read(path: Path) -> Cells:
     Raises InputError where it is no text, has no row of cells, rows of different lengths, or
     decimal points beside decimal commas.
     """
-    lines = [
-        (k + 1, line.strip(" \r"))
-        for k, line in enumerate(text_file.read(path).split("\n"))
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
+    if workbook.is_workbook(path):
+        lines = workbook.lines(path)
+    else:
+        text = text_file.read(path)
+        logged = [
+            (1 + text.count("\n", 0, match.start()), match[1].strip(" \r,"))
+            for match in LOGGED.finditer(text)
+        ]
+        lines = logged or [
+            (k + 1, line.strip(" \r"))
+            for k, line in enumerate(text.split("\n"))
+            if line.strip() and not line.lstrip().startswith("#")
+        ]
     if not lines:
         raise InputError(path, "file", "no line of cells", "a row a frame")
-    separator = _separator(lines[-1][1])
+    usual_line = max(lines, key=lambda line: len(line[1]))[1]
+    if lines[0][1] == usual_line and len(lines) > 1:
+        usual_line = max(lines[1:], key=lambda line: len(line[1]))[1]
+    separator = _separator(usual_line)
     rows = [[cell.strip(' "') for cell in line.split(separator)] for _, line in lines]
     if len(rows[0]) > 1 and all(row[-1] == "" for row in rows):
         rows = [row[:-1] for row in rows]  # a separator at the end of every line
-    comma = separator != "," and any("," in cell for cell in rows[-1])
+    rows, lines = _joined(path, rows, lines)
+    usual_row = [cell.strip(' "') for cell in usual_line.split(separator)]
+    if separator == ",":
+        _refuse_decimal_commas(path, usual_row)
+    comma = separator != "," and any("," in cell for cell in usual_row)
     names = None
     if _is_names(path, rows[0], lines[0][0], comma):
         names, rows, lines = rows[0], rows[1:], lines[1:]
@@ -103,13 +129,17 @@ def table(path: Path, columns: int) -> np.ndarray:
     return cells.numbers(list(range(columns)))
 
 
-def number(cell: str, comma: bool) -> float:
-    """The number in a cell, NaN where it is one of LOST; raises ValueError for other words and for
-    infinity."""
+def number(cell: str, comma: bool) -> float | complex:
+    """The real or complex number in a cell, NaN where it is one of LOST; raises ValueError for
+    other words and for infinity."""
     if cell.lower() in LOST:
         return math.nan
-    value = float(cell.replace(",", ".") if comma else cell)
-    if not math.isfinite(value):
+    text = cell.replace(",", ".") if comma else cell
+    try:
+        value: float | complex = float(text)
+    except ValueError:
+        value = complex(text.replace(" ", "").lower().replace("i", "j"))
+    if not np.isfinite(value):
         raise ValueError(cell)
     return value
 
@@ -121,6 +151,48 @@ def is_number(cell: str, comma: bool) -> bool:
     except ValueError:
         return False
     return True
+
+
+def _joined(
+    path: Path, rows: list[list[str]], lines: list[tuple[int, str]]
+) -> tuple[list[list[str]], list[tuple[int, str]]]:
+    """Rows that a word in a line of its own precedes, each frame's in one; the others as they are.
+
+    Raises InputError where a frame has another number of lines than the first.
+    """
+    marks = [k for k, row in enumerate(rows) if len(row) == 1 and not is_number(row[0], False)]
+    words = {re.sub(r"\d+", "", rows[k][0]) for k in marks}
+    if len(words) != 1 or marks[0] or max(map(len, rows)) < 2:
+        return rows, lines
+    blocks = list(zip(marks, [*marks[1:], len(rows)], strict=True))
+    if len(blocks) == 1:  # a head; of a drive's numbers in each row, else another format's
+        is_head = max(map(len, rows)) <= MAX_DRIVE_NUMBERS
+        return (rows[1:], lines[1:]) if is_head else (rows, lines)
+    count = blocks[0][1] - blocks[0][0] - 1
+    for start, end in blocks:
+        if end - start - 1 != count or not count:
+            found = f"{end - start - 1} lines of numbers after it"
+            raise InputError(path, f"line {lines[start][0]}", found, f"{count or 'some'}")
+    frames = [[cell for row in rows[start + 1 : end] for cell in row] for start, end in blocks]
+    return frames, [(lines[start + 1][0], lines[start + 1][1]) for start, _ in blocks]
+
+
+def _refuse_decimal_commas(path: Path, row: list[str]) -> None:
+    """Raise InputError where commas are decimal points and stand between the numbers as well."""
+    wholes, decimals = row[::2], row[1::2]
+    if (
+        len(wholes) == len(decimals)
+        and all(re.fullmatch(r"[-+]?\d+", cell) for cell in wholes)
+        and all(re.fullmatch(r"\d+(e[-+]?\d+)?", cell, re.IGNORECASE) for cell in decimals)
+        and (  # which counts of a converter have not
+            any(re.match("[-+]", cell) for cell in wholes)
+            or any(re.match(r"0\d", cell) for cell in decimals)
+            or min(map(len, decimals)) > max(map(len, wholes))
+        )
+    ):
+        found = "decimal commas, and commas between the numbers"
+        expected = "semicolons or tabs between the numbers, or decimal points"
+        raise InputError(path, "lines", found, expected)
 
 
 def _is_names(path: Path, row: list[str], line: int, comma: bool) -> bool:

@@ -22,6 +22,7 @@ from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table
 
 MARK = b"---Draeger EIT-Software---"
+BINARY = b"\n**"  # ends the text of the newer format, whose frames are not of float32 alone
 ENDS = (b"\r\n\r\n\r\n", b"\n\n\n")  # of Draeger's text
 N_ELECTRODES = 16
 ORDER = "drive-plus-ascending-own"
@@ -44,6 +45,11 @@ def load(path: Path) -> Recording:
     if content.startswith(MARK):
         text_end = min((content.find(end) + len(end) for end in ENDS if end in content), default=0)
         if not text_end:
+            if BINARY in content:
+                expected = "a .get, or a .mat of it (EIDORS: eidors_readdata, save -v7)"
+                raise InputError(
+                    path, "format", "Draeger's binary .eit, which is not read", expected
+                )
             raise InputError(path, "header", "no end", "two empty lines before the numbers")
         content = content[text_end:]
     elif content and content.isascii() and "".join(content.decode("ascii").split()).isprintable():

@@ -15,9 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
+from eitskin.data.importers.array_choice import shapes
 from eitskin.data.importers.bare_vectors import join_remarks
 from eitskin.data.importers.description import describe
-from eitskin.data.importers.matlab_file import arrays, is_matlab, shapes
+from eitskin.data.importers.matlab_file import arrays, is_matlab
 from eitskin.data.recording import Recording, frames_table
 from eitskin.errors import InputError
 from eitskin.physics.geometry import even_angles

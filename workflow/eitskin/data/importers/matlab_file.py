@@ -10,8 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import scipy.io
+import scipy.sparse
 
 from eitskin.data.importers import matlab_tags
+from eitskin.data.importers.array_choice import shapes
 from eitskin.errors import InputError
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -68,16 +70,9 @@ def named_arrays(path: Path, names: tuple[str, ...]) -> list[np.ndarray]:
     return [file_arrays[name] for name in names]
 
 
-def shapes(file_arrays: dict[str, np.ndarray]) -> str:
-    """Names and shapes of at most eight arrays: `vh (208, 1), vi (208, 5)`."""
-    shape_texts = [f"{name} {array.shape}" for name, array in file_arrays.items()]
-    return (
-        ", ".join(shape_texts[:8]) + (", ..." if len(shape_texts) > 8 else "")
-        or "no array of numbers"
-    )
-
-
 def _numeric(name: str, value: object) -> Iterator[tuple[str, np.ndarray]]:
+    if isinstance(value, scipy.sparse.csc_array | scipy.sparse.csc_matrix):
+        value = value.toarray()
     if not isinstance(value, np.ndarray):
         return
     if value.dtype.names or value.dtype == object:

@@ -2,43 +2,46 @@
 
 CSV with commas, semicolons, tabs or spaces, NumPy `.npy` and `.npz`. The keys of the description:
 `electrodes` (how many), `drive` and `measurement` (adjacent, opposite, skip-<n>; of a measurement
-also with -reversed; or as `measurement` the channels themselves, [source, sink, plus, minus] a
-column), `order` (as `check` names them); `voltage` (without it signed where a reading is negative,
-else magnitude), `unit`, `values`, `position_frame`, `frame_s`,
+also with -reversed, or ground; or as `measurement` the channels themselves, [source, sink, plus,
+minus] a column), `order` (as `check` names them); `voltage` (without it signed where a reading is
+negative, else magnitude), `unit`, `values`, `position_frame`, `frame_s`,
 `clock` and `skin` as in the recording format; `rate_Hz`, frames a second; `source`; `labels`, the
 columns touch, x_mm, y_mm, force_N, probe_mm, depth_mm, contact, session, temperature_C, time_s and
 note_... (anything else, carried and ignored): a file beside it with those names, or which column of
 the matrix each is. Columns of the matrix, and arrays of an `.npz`, that have such names need no
 mention. Frames that nothing is said of are taken for untouched.
 
-`drive` and `measure` may come from the caller where the description does not have them; with both,
-none is needed.
+`drive` and `measure` may come from the caller where the description does not have them. Without
+either, the columns' names may tell the channels, or the readings the pattern (`protocol_search`),
+and no description is needed.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from eitskin.data.importers import bare_vectors, matrix_table
-from eitskin.data.importers.bare_vectors import Layout
+from eitskin.data.importers import bare_vectors, matrix_table, protocol_search
+from eitskin.data.importers.bare_vectors import GROUND, Layout
 from eitskin.data.importers.description import describe
 from eitskin.data.importers.matrix_description import (
     DESCRIBING_KEYS,
     PLACED,
     description_path,
-    example,
     missing_description,
     missing_labels,
     read_description,
     read_mapping,
 )
 from eitskin.data.importers.matrix_table import Table, is_numpy
+from eitskin.data.importers.protocol_search import common_protocol
+from eitskin.data.importers.workbook import is_workbook
 from eitskin.data.recording import NOTE, Recording, frames_table
 from eitskin.errors import InputError
 from eitskin.physics.geometry import even_angles
 
-LEFT_OPEN = ("order", "drive", "measure")
+LEFT_OPEN = ("order", "drive", "measure", "array")
 TRUE, FALSE = ("1", "1.0", "true", "yes"), ("0", "0.0", "false", "no")
 TABLE_SUFFIXES = (".csv", ".tsv")
 MIN_COLUMNS = 8  # of a matrix without a description: narrower tables are something else
@@ -55,17 +58,25 @@ def matches(path: Path) -> bool:
     return bool({*DESCRIBING_KEYS} & description.keys())
 
 
-def refusal(path: Path) -> InputError | None:
-    """The refusal of a matrix without a description, with a proposal, and of a broken table."""
+def accepts(path: Path) -> bool:
+    """Whether a file without a description holds a matrix that says its channels itself.
+
+    Raises InputError, with a proposal, for one that does not, and for a broken table.
+    """
     if not path.is_file():
-        return None
+        return False
     try:
-        table = matrix_table.read(path, {})
-    except InputError as error:
-        return error if is_numpy(path) or path.suffix.lower() in TABLE_SUFFIXES else None
+        table = _unwrapped(matrix_table.read(path, {}), None)
+    except InputError:
+        if is_numpy(path) or is_workbook(path) or path.suffix.lower() in TABLE_SUFFIXES:
+            raise
+        return False
     rows, width = table.readings.shape
-    wide = width >= MIN_COLUMNS or is_numpy(path) or example(path, rows) is not None
-    return missing_description(path, (rows, width), table.names) if wide else None
+    if table.channels is not None or protocol_search.protocol_of(table.readings) is not None:
+        return True
+    if width >= MIN_COLUMNS or is_numpy(path) or common_protocol(rows) is not None:
+        raise missing_description(path, (rows, width), table.names)
+    return False
 
 
 def files(path: Path) -> list[Path]:
@@ -79,7 +90,11 @@ def files(path: Path) -> list[Path]:
 
 
 def load(
-    path: Path, order: str | None = None, drive: str | None = None, measure: str | None = None
+    path: Path,
+    order: str | None = None,
+    drive: str | None = None,
+    measure: str | None = None,
+    array: str | None = None,
 ) -> Recording:
     """One frame a row; raises InputError for a missing description, an unknown key, and a matrix
     that contradicts its description."""
@@ -95,21 +110,77 @@ def load(
             description_path(path), f"key {key}", conflict, f"{expected}: change it here"
         )
     description = description | caller_settings
-    table = matrix_table.read(path, description)
+    table = _unwrapped(matrix_table.read(path, description, array), description.get("electrodes"))
     n_frames, width = table.readings.shape
-    if "measurement" not in description:
-        raise missing_description(path, (n_frames, width), table.names)
+    if table.channels is not None and not {"drive", "measurement"} & description.keys():
+        description = description | {"measurement": table.channels}
+    elif "measurement" not in description:
+        protocol = protocol_search.protocol_of(table.readings, description.get("electrodes"))
+        if protocol is None or "drive" in description:
+            raise missing_description(path, (n_frames, width), table.names)
+        description = protocol.description | description
+        table.remark = bare_vectors.join_remarks(
+            table.remark,
+            f"by the readings {protocol.layout.n_electrodes} electrodes, {protocol.drive} drive, "
+            f"measurement {protocol.measurement}, order {protocol.order or 'of the drives'}",
+        )
     if not n_frames or not width:
         raise InputError(path, "matrix", f"{n_frames} frames of {width} numbers", "some of each")
     try:
         layout = _layout(path, description, width)
     except InputError as error:
-        raise missing_labels(path, table.names) or error from None
-    if "order" not in description and "drive" in description:
+        raise missing_labels(path, table.names) or _turned(
+            path, description, table, error
+        ) from None
+    if _against_ground(description, table, layout):
+        layout = bare_vectors.pattern_layout(path, width, description["drive"], GROUND)
+        stated = f"measurement {description['measurement']} was stated, but these are"
+        table.remark = bare_vectors.join_remarks(
+            table.remark, f"{stated} potentials against ground: measurement: ground"
+        )
+        description = description | {"measurement": GROUND}
+    if {"order", "drive"} & description.keys() == {"drive"} and layout.subtrahends is None:
         bare_vectors.refuse_other_order(
             path, table.readings, description["drive"], description["measurement"], layout
         )
     return _recording(path, description, table, layout)
+
+
+def _unwrapped(table: Table, n_electrodes: int | None) -> Table:
+    """The table with each frame in one row where it had a row a drive; else as it is."""
+    rows, width = table.readings.shape
+    if table.labels or table.channels is not None:
+        return table
+    for n in protocol_search.RINGS if n_electrodes is None else (n_electrodes,):
+        if rows % n or not n - 4 <= width <= n:
+            continue
+        frames = table.readings.reshape(-1, n * width)
+        if protocol_search.protocol_of(frames, n) is not None:
+            remark = f"{n} lines of {width} numbers make a frame of {n * width}"
+            return replace(table, readings=frames, names=[], remark=remark)
+    return table
+
+
+def _against_ground(description: dict, table: Table, layout: Layout) -> bool:
+    """Whether frames of n n numbers, stated as pairs, are potentials against ground."""
+    n = layout.n_electrodes
+    if layout.width != n * n or description["measurement"] == GROUND or "drive" not in description:
+        return False
+    protocol = protocol_search.protocol_of(table.readings, n)
+    stated_drive = description["drive"]
+    return (
+        protocol is not None and protocol.measurement == GROUND and protocol.drive == stated_drive
+    )
+
+
+def _turned(path: Path, description: dict, table: Table, error: InputError) -> InputError:
+    """The error of a width that fits no layout; where the rows' number does, with that said."""
+    try:
+        _layout(path, description, len(table.readings))
+    except InputError:
+        return error
+    expected = f"{error.expected}; perhaps turned: its {len(table.readings)} rows would fit"
+    return InputError(path, error.place, error.actual, expected)
 
 
 def _layout(path: Path, description: dict, width: int) -> Layout:
@@ -156,14 +227,14 @@ def _recording(path: Path, description: dict, table: Table, layout: Layout) -> R
         frames["temperature_C"] = labels["temperature_C"]
     for name in (name for name in labels if name.startswith(NOTE)):
         frames[name] = labels[name]
-    readings = table.readings[:, layout.columns]
+    readings = layout.readings(table.readings)
     has_labels = "touch" in labels or {"x_mm", "y_mm"} <= labels.keys()
     untouched_remark = "" if has_labels else bare_vectors.UNTOUCHED
     kind = description.get("voltage", bare_vectors.voltage_kind(readings))
     voltage_remark = "no reading is negative: taken for magnitudes, as `voltage` is not stated"
     voltage_remark = voltage_remark if kind == "magnitude" and "voltage" not in description else ""
     parts = bare_vectors.join_remarks(
-        f"matrix {path.name}", layout.left_out, untouched_remark, voltage_remark
+        f"matrix {path.name}", table.remark, layout.left_out, untouched_remark, voltage_remark
     )
     skin = description.get("skin", {})
     angles = skin.get("electrode_deg", even_angles(layout.n_electrodes).tolist())
@@ -179,7 +250,7 @@ def _recording(path: Path, description: dict, table: Table, layout: Layout) -> R
         kind,
         position_frame=description.get("position_frame", "skin"),
         values=description.get("values", "absolute"),
-        unit=description.get("unit", "arbitrary"),
+        unit=description.get("unit", table.unit or "arbitrary"),
         clock=description.get("clock", "measured" if is_timed else "index"),
         skin=skin | {"electrode_deg": angles},
     )

@@ -7,7 +7,7 @@ from itertools import takewhile
 from pathlib import Path
 
 from eitskin import yaml_file
-from eitskin.data.importers import bare_vectors
+from eitskin.data.importers.protocol_search import common_protocol
 from eitskin.data.recording import NOTE, check_reading
 from eitskin.errors import InputError
 from eitskin.physics.skin import is_number
@@ -46,6 +46,12 @@ def read_description(path: Path) -> dict:
     for key in ("drive", "order", "source"):
         if key in description and not isinstance(description[key], str):
             raise InputError(file, f"key {key}", repr(description[key]), "a word")
+    if description.get("values") == "normalised":
+        expected = (
+            "difference: multiply each channel by the size of its untouched reading, which no "
+            "simulation can replace"
+        )
+        raise InputError(file, "key values", "normalised", expected)
     check_reading(
         {key: description[key] for key in (*CHOICE_KEYS, "frame_s") if key in description}, file
     )
@@ -75,15 +81,15 @@ def missing_description(
     if unnamed is not None:
         return unnamed
     violation = f"no {description_path(path).name} that says what its {width} columns read"
-    example_text = example(path, width)
+    example_text = example(width)
     if example_text is not None:
         expected = (
             "it beside the file (or --format matrix with --drive and --measure), for example "
             f"{example_text}"
         )
         return InputError(path, "description", violation, expected)
-    if example(path, rows) is not None:
-        expected = f"a frame a row: its {rows} rows look like readings, its columns like frames"
+    if not names and example(rows) is not None:
+        expected = f"a frame a row; perhaps turned: its {rows} rows may be readings"
         return InputError(path, "matrix", f"{rows} rows of {width} numbers", expected)
     size = round((1 + (1 + 8 * width) ** 0.5) / 2)
     expected = (
@@ -104,7 +110,7 @@ def missing_labels(path: Path, names: Sequence[str]) -> InputError | None:
     name_stems = [re.sub(r"\d+", "", name) for name in names]
     usual_stem = Counter(name_stems).most_common(1)[0][0] if name_stems else ""
     odd_names = [name for name, kind in zip(names, name_stems, strict=True) if kind != usual_stem]
-    example_text = example(path, len(names) - len(odd_names)) if odd_names else None
+    example_text = example(len(names) - len(odd_names)) if odd_names else None
     if example_text is None:
         return None
     labels: dict[str, str] = {}
@@ -134,12 +140,10 @@ def _common_prefix_length(label: str, name: str) -> int:
     )
 
 
-def example(path: Path, width: int) -> str | None:
+def example(width: int) -> str | None:
     """A description of frames of `width` readings by a common protocol; None where none fits."""
-    for drive in ("adjacent", "opposite"):
-        try:
-            layout = bare_vectors.pattern_layout(path, width, drive, "adjacent")
-        except InputError:
-            continue
-        return f"{{electrodes: {layout.n_electrodes}, drive: {drive}, measurement: adjacent}}"
-    return None
+    protocol = common_protocol(width)
+    if protocol is None:
+        return None
+    keys = ", ".join(f"{key}: {value}" for key, value in protocol.description.items())
+    return f"{{{keys}}}"

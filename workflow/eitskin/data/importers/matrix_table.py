@@ -1,6 +1,7 @@
 """The numbers of a plain matrix and its labels: text, NumPy's `.npy` and `.npz`.
 
-One column of numbers, or an array of one dimension, is one frame.
+One column of numbers, or an array of one dimension, is one frame. A column without a name that
+counts the rows is left out, columns of words are notes.
 """
 
 from dataclasses import dataclass, field
@@ -9,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from eitskin.data.importers import delimited
+from eitskin.data.importers import array_choice, delimited, named_columns
 from eitskin.data.importers.matrix_description import LABELS, description_path
 from eitskin.data.recording import NOTE
 from eitskin.errors import InputError
@@ -21,15 +22,22 @@ NPY, ZIP = b"\x93NUMPY", b"PK\x03\x04"
 @dataclass
 class Table:
     """The content of a matrix file: `readings` (F, C), `labels`, (F,) each, floats or words, and
-    the `names` of the readings' columns, if any."""
+    the `names` of the readings' columns, and what the file itself says of `channels` (each [source,
+    sink, plus, minus]) and `unit`, if anything; a `remark` on what was left out or put together."""
 
     readings: np.ndarray
     labels: dict[str, Any] = field(default_factory=dict)
     names: list[str] = field(default_factory=list)
+    channels: list[list[int]] | None = None
+    unit: str | None = None
+    remark: str = ""
 
 
-def read(path: Path, description: dict) -> Table:
-    """Readings and labels of a matrix and its labels file; raises InputError for a broken one."""
+def read(path: Path, description: dict, array: str | None = None) -> Table:
+    """Readings and labels of a matrix and its labels file; raises InputError for a broken one.
+
+    `array` names the one that holds the readings, of several in a file.
+    """
     labels = description.get("labels")
     if labels is not None and not isinstance(labels, str | dict):
         raise InputError(
@@ -42,7 +50,12 @@ def read(path: Path, description: dict) -> Table:
             raise InputError(
                 description_path(path), f"key labels.{name}", "an unknown label", expected
             )
-    table = _from_numpy(path, columns) if is_numpy(path) else _from_text(path, columns)
+    if is_numpy(path):
+        table = _from_numpy(path, columns, array)
+    elif array is not None:
+        raise InputError(path, "setting array", repr(array), "none: the file has one table")
+    else:
+        table = _from_text(path, columns)
     if table.readings.shape[1] == 1 and not table.labels:
         table.readings = table.readings.T
     if isinstance(labels, str):
@@ -72,18 +85,52 @@ def _from_text(path: Path, columns: dict) -> Table:
     for name, column in columns.items():
         column_index = names.index(column) if column in names else column
         places[name] = _column(path, name, column_index, cells.width)
-    reading_columns = [column for column in range(cells.width) if column not in places.values()]
+    free_columns = [column for column in range(cells.width) if column not in places.values()]
+    index = [column for column in free_columns if names and _counts_rows(cells, column)]
+    words = [
+        column
+        for column in free_columns
+        if names and names[column] and column not in index and _is_words(cells, column)
+    ]
+    places |= {f"{NOTE}{names[column]}": column for column in words}
+    reading_columns = [column for column in free_columns if column not in (*index, *words)]
     labels = {name: _label(cells, name, column) for name, column in places.items()}
-    return Table(
-        cells.numbers(reading_columns),
-        labels,
-        [names[column] for column in reading_columns if names],
-    )
+    values = cells.numbers(reading_columns)
+    reading_names = [names[column] or str(column) for column in reading_columns if names]
+    counted = "the column that counts the rows left out" if index else ""
+    if named_columns.is_row_a_reading(reading_names):
+        frames, channels, unit = named_columns.frames_of_rows(
+            path, reading_names, values, cells.lines
+        )
+        return Table(frames, {}, [], channels, unit, "a row a reading")
+    reading_names, values, remark = named_columns.combined(path, reading_names, values)
+    remark = "; ".join(filter(None, (counted, remark)))
+    channels_by_name = named_columns.channels(reading_names)
+    return Table(values, labels, reading_names, channels_by_name, None, remark)
+
+
+def _counts_rows(cells: delimited.Cells, column: int) -> bool:
+    """Whether a column without a name of its own, as pandas writes it, counts the rows."""
+    assert cells.names is not None
+    if cells.names[column].lower() not in ("", "index", "unnamed: 0"):
+        return False
+    numbers = cells.words(column)
+    first = numbers[0] or ""
+    return first.isdecimal() and numbers == [str(int(first) + k) for k in range(len(numbers))]
+
+
+def _is_words(cells: delimited.Cells, column: int) -> bool:
+    """Whether no cell of a column is a number."""
+    return not any(delimited.is_number(row[column], cells.comma) for row in cells.rows)
 
 
 def _label(cells: delimited.Cells, name: str, column: int) -> np.ndarray | list:
-    words = name in WORDS or name.startswith(NOTE)
-    return cells.words(column) if words else cells.numbers([column])[:, 0]
+    if name in WORDS or name.startswith(NOTE):
+        return cells.words(column)
+    numbers = cells.numbers([column])[:, 0]
+    if np.iscomplexobj(numbers):
+        raise InputError(cells.path, f"label {name}", "complex numbers", "real ones")
+    return numbers
 
 
 def _column(path: Path, name: str, column: object, width: int) -> int:
@@ -93,7 +140,7 @@ def _column(path: Path, name: str, column: object, width: int) -> int:
     return column
 
 
-def _from_numpy(path: Path, columns: dict) -> Table:
+def _from_numpy(path: Path, columns: dict, choice: str | None) -> Table:
     try:
         with path.open("rb") as stream:
             content = np.load(stream, allow_pickle=False)
@@ -110,14 +157,15 @@ def _from_numpy(path: Path, columns: dict) -> Table:
         for name, array in arrays.items()
         if name not in labels and array.ndim in (1, 2) and array.dtype.kind in "iufc"
     }
-    if len(matrices) != 1:
-        shapes = ", ".join(f"{name or 'one'} {array.shape}" for name, array in arrays.items())
-        raise InputError(path, "arrays", shapes, "one of numbers, frames x channels")
-    (matrix,) = matrices.values()
+    if not matrices:
+        found = array_choice.shapes(arrays)
+        raise InputError(path, "arrays", found, "one of numbers, frames x channels")
+    chosen, remark = array_choice.choice(path, matrices, choice)
+    matrix = matrices[chosen]
     for name, column in columns.items():
         labels[name] = matrix[:, _column(path, name, column, matrix.shape[1])].real
     reading_columns = [k for k in range(matrix.shape[1]) if k not in columns.values()]
-    return Table(matrix[:, reading_columns], labels)
+    return Table(matrix[:, reading_columns], labels, remark=remark)
 
 
 def is_label(name: object) -> bool:

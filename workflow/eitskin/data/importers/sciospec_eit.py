@@ -31,7 +31,7 @@ from eitskin.errors import InputError
 from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import undriven
 
-LEFT_OPEN = ("measure",)
+LEFT_OPEN = ("measure", "frequency")
 MEASURE = "adjacent"
 MIN_HEADER_LINES, MIN_VERSION_LINES = 9, 11  # of a header, and from which on it tells its version
 HEADER = {  # by place in a header that tells its version
@@ -75,12 +75,12 @@ def matches(path: Path) -> bool:
     )
 
 
-def refusal(path: Path) -> InputError | None:
-    """The refusal of another maker's file with the same ending."""
-    if path.suffix.lower() != ".eit" or not path.is_file():
-        return None
-    violation = "no Sciospec .eit (Draeger, Carefusion and Swisstom name theirs so as well)"
-    return InputError(path, "line 1", violation, "how many lines the header has")
+def accepts(path: Path) -> bool:
+    """Never; raises InputError for another maker's file with the same ending."""
+    if path.suffix.lower() == ".eit" and path.is_file():
+        violation = "no Sciospec .eit (Draeger, Carefusion and Swisstom name theirs so as well)"
+        raise InputError(path, "line 1", violation, "how many lines the header has")
+    return False
 
 
 def files(path: Path) -> list[Path]:
@@ -91,13 +91,16 @@ def files(path: Path) -> list[Path]:
     return sorted(frames, key=lambda file: (_last_number(file.stem), file.name))
 
 
-def load(path: Path, measure: str | None = None) -> Recording:
-    """One frame a file; raises InputError where one is cut short or of another setup than the
-    first, and where time stands still."""
+def load(path: Path, measure: str | None = None, frequency: float | None = None) -> Recording:
+    """One frame a file, at `frequency` in Hz, by default the first.
+
+    Raises InputError where one is cut short or of another setup than the first, where time stands
+    still, and for an unknown frequency.
+    """
     frame_files = files(path)
     if not frame_files:
         raise InputError(path, "folder", "no *.eit", "the frames of one setup")
-    frames = [_read(file) for file in frame_files]
+    frames = [_read(file, frequency) for file in frame_files]
     for file, frame in zip(frame_files, frames, strict=True):
         if frame.setup != frames[0].setup:
             expected = (
@@ -166,7 +169,7 @@ def _times(files: list[Path], frames: list[Frame]) -> np.ndarray:
     return time
 
 
-def _read(path: Path) -> Frame:
+def _read(path: Path, frequency: float | None) -> Frame:
     lines = text_file.read(path).splitlines()
     count = lines[0].strip() if lines else ""
     if not count.isdecimal() or not MIN_HEADER_LINES <= int(count) < len(lines):
@@ -181,11 +184,16 @@ def _read(path: Path) -> Frame:
     mode = header[MEASURE_MODE] if len(header) > MEASURE_MODE else ""
     if mode.isdecimal() and int(mode) > POTENTIALS:
         raise InputError(path, "header, measure mode", mode, f"{POTENTIALS}: potentials")
-    drives, potentials = _blocks(path, lines, int(count), n_frequencies)
+    frequencies = _frequencies(path, values, n_frequencies)
+    place = 0 if frequency is None else int(np.argmin(np.abs(frequencies - frequency)))
+    if frequency is not None and not np.isclose(frequencies[place], frequency, rtol=1e-3):
+        expected = f"one of {', '.join(f'{value:g}' for value in frequencies)} Hz"
+        raise InputError(path, "setting frequency", f"{frequency:g} Hz", expected)
+    drives, potentials = _blocks(path, lines, int(count), n_frequencies, place)
     ring, columns = _electrodes(path, header, drives, potentials.shape[1])
     return Frame(
         date=_date(path, values["date"]),
-        frequencies=_frequencies(path, values, n_frequencies),
+        frequencies=_frequency_text(frequencies, place),
         amplitude_A=_number(path, values, "amplitude"),
         ring=ring,
         drives=drives,
@@ -194,9 +202,9 @@ def _read(path: Path) -> Frame:
 
 
 def _blocks(
-    path: Path, lines: list[str], start: int, n_frequencies: int
+    path: Path, lines: list[str], start: int, n_frequencies: int, place: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Electrodes (K, 2), from 1, and potentials (K, C) of C channels at the first frequency."""
+    """Electrodes (K, 2), from 1, and potentials (K, C) of C channels at one frequency."""
     body = [(k + 1, line.split()) for k, line in enumerate(lines) if k >= start and line.strip()]
     block = 1 + n_frequencies
     if not body or len(body) % block:
@@ -213,7 +221,7 @@ def _blocks(
             if len(cells) != len(body[1][1]) or len(cells) % 2:
                 expected = f"{len(body[1][1])}, real and imaginary of every channel"
                 raise InputError(path, f"line {line_number}", f"{len(cells)} numbers", expected)
-        number, cells = body[k + 1]
+        number, cells = body[k + 1 + place]
         try:
             numbers = np.array([float(cell) for cell in cells])
         except ValueError as error:
@@ -262,13 +270,24 @@ def _number(path: Path, values: dict[str, str], name: str) -> float:
         raise InputError(path, f"header, {name}", repr(values[name]), "a number") from error
 
 
-def _frequencies(path: Path, values: dict[str, str], count: int) -> str:
-    """The frequencies in words, for `source`."""
+def _frequencies(path: Path, values: dict[str, str], count: int) -> np.ndarray:
+    """(count,) the frequencies in Hz, evenly spaced on the stated scale."""
     low = _number(path, values, "lowest frequency")
     if count == 1:
-        return f"{low:g} Hz"
+        return np.array([low])
     high = _number(path, values, "highest frequency")
-    return f"{low:g} Hz, the first of {count} frequencies to {high:g} Hz, the others left out"
+    is_logarithmic = values["frequency scale"] == "1" and low > 0 and high > 0
+    return np.geomspace(low, high, count) if is_logarithmic else np.linspace(low, high, count)
+
+
+def _frequency_text(frequencies: np.ndarray, place: int) -> str:
+    """The frequencies in words, for `source`."""
+    text = f"{frequencies[place]:g} Hz"
+    if len(frequencies) == 1:
+        return text
+    ordinal = "the first of" if place == 0 else f"number {place + 1} of"
+    count = f"{ordinal} {len(frequencies)} frequencies to {frequencies[-1]:g} Hz"
+    return f"{text}, {count}, the others left out (--frequency)"
 
 
 def _date(path: Path, text: str) -> datetime | None:
