@@ -1,9 +1,9 @@
 """Checks of a recording: its contents, its quality and what it cannot show, in plain words.
 
 `measures`, `wiring`, `missing`, `plausibility`, `response`, `clipping`, `compliance`, `exchange`,
-`unlabelled` and `steps` measure and grade; `sentences` puts it into words, `suspicions` only where
-something looks wrong. Errors make a recording unusable as it is: a wrong channel order, readings
-that no passive skin gives, readings that never change.
+`unlabelled`, `placeholders`, `copies`, `loads` and `steps` measure and grade; `sentences` puts it
+into words, `suspicions` only where something looks wrong. Errors make a recording unusable as it
+is: a wrong channel order, readings that no passive skin gives, readings that never change.
 """
 
 from pathlib import Path
@@ -11,6 +11,7 @@ from pathlib import Path
 from eitskin.atomic import atomic_path
 from eitskin.data.check import sentences, suspicions
 from eitskin.data.check.finding import ERROR, FACT, UNOBSERVABLE, WARNING, Check
+from eitskin.data.check.placeholders import measured
 from eitskin.data.recording import Recording
 from eitskin.errors import InputError
 from eitskin.progress import patient
@@ -20,6 +21,8 @@ __all__ = ["ERROR", "FACT", "UNOBSERVABLE", "WARNING", "Check", "check", "text",
 
 EXAMINATIONS = (  # of a recording with readings
     suspicions.constant_frames,
+    suspicions.copied_frames,
+    suspicions.lost_forces,
     suspicions.unseen_touches,
     suspicions.unlabelled_touches,
     sentences.lost_readings,
@@ -46,6 +49,8 @@ def check(recording: Recording, progress: bool = False) -> Check:
         dead_findings = sentences.dead_channels(recording)
         if dead_findings:
             return Check((*findings, *dead_findings))
+        findings += suspicions.stand_ins(recording) + suspicions.unplugged(recording)
+        recording = measured(recording)
         for examine in patient(EXAMINATIONS, "checking", progress):
             findings += examine(recording)
     return Check(tuple(findings))

@@ -9,7 +9,7 @@ from eitskin.data.check.missing import HOLD_S, missing_information
 from eitskin.data.recording import Recording
 from eitskin.physics.outline import EXPECTED, no_disc
 from eitskin.physics.skin import OPTIONAL
-from eitskin.quantities import percent, quantity
+from eitskin.quantities import listed, percent, quantity
 
 SKIN = {  # key: its name, its unit
     "radius_mm": ("radius", "mm"),
@@ -311,9 +311,10 @@ def reciprocity(recording: Recording) -> list[Finding]:
     pair_error = measures.reciprocity(recording)
     if pair_error is None:
         return []
+    noise_text = "; noise included" if recording.metadata["values"] == "difference" else ""
     sentence = (
         f"exchanging drive and measurement changes a reading by {percent(pair_error.median, 2)} "
-        f"(median of {pair_error.pairs} pairs; rms {percent(pair_error.rms, 2)})."
+        f"(median of {pair_error.pairs} pairs; rms {percent(pair_error.rms, 2)}{noise_text})."
     )
     return [_fact("reciprocity", sentence, pair_error.median)]
 
@@ -328,8 +329,11 @@ def channel_order(recording: Recording) -> list[Finding]:
         order.best_names,
     )
     if overall is None:
-        sentence = "the channels repeat nothing, so their order cannot be checked."
-        return [Finding("order", UNOBSERVABLE, sentence, remedy="reciprocal or reversed channels")]
+        sentence, remedy = "the channels repeat nothing", "reciprocal or reversed channels"
+        if measures.reciprocity(recording) is not None:
+            sentence, remedy = "most of the readings is noise", "stronger touches"
+        sentence += ", so their order cannot be checked."
+        return [Finding("order", UNOBSERVABLE, sentence, remedy=remedy)]
     if order.is_wrong:
         ties = f" ({len(names) - 1} more orders fit alike)" if len(names) > 1 else ""
         sentence = (
@@ -340,6 +344,12 @@ def channel_order(recording: Recording) -> list[Finding]:
         )
     elif order.severity == FACT:
         sentence = f"as the table says: {_in_words(order.misfit)}."
+    elif order.faults:
+        sites = listed([naming.electrodes(site) for site in order.faults])
+        sentence = (
+            f"{_in_words(order.misfit)}, and hardly any without {sites}: a broken wire,"
+            " a bad contact, a wrong gain or offset there. A diagnosis may name it."
+        )
     elif order.worst_electrodes is not None:
         sentence = (
             f"{_in_words(order.misfit)}, most where electrodes "
