@@ -1,9 +1,10 @@
 """Checks of a recording: its contents, its quality and what it cannot show, in plain words.
 
 `measures`, `wiring`, `missing`, `plausibility`, `response`, `clipping`, `compliance`, `exchange`,
-`unlabelled`, `placeholders`, `copies`, `loads` and `steps` measure and grade; `sentences` puts it
-into words, `suspicions` only where something looks wrong. Errors make a recording unusable as it
-is: a wrong channel order, readings that no passive skin gives, readings that never change.
+`unlabelled`, `second_touches`, `placeholders`, `copies`, `loads` and `steps` measure and grade;
+`sentences` puts it into words, `suspicions` only where something looks wrong. Errors make a
+recording unusable as it is: a wrong channel order, readings that no passive skin gives, readings
+that never change, places in another order than their presses.
 """
 
 from pathlib import Path
@@ -25,6 +26,7 @@ EXAMINATIONS = (  # of a recording with readings
     suspicions.lost_forces,
     suspicions.unseen_touches,
     suspicions.unlabelled_touches,
+    suspicions.second_touch,
     sentences.lost_readings,
     sentences.clipped_channels,
     sentences.noise,
@@ -35,6 +37,7 @@ EXAMINATIONS = (  # of a recording with readings
     suspicions.weak_drives,
     sentences.channel_order,
     sentences.polarity,
+    sentences.places,
     sentences.numbering,
     sentences.unobservable,
 )

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from eitskin.data.recording import Recording
+from eitskin.data.recording import Recording, presses
 
 MAX_CHANCE = 1e-6  # that a coarse converter gives two frames of one state all the same readings
 
@@ -11,18 +11,21 @@ MAX_CHANCE = 1e-6  # that a coarse converter gives two frames of one state all t
 def copies(recording: Recording) -> np.ndarray:
     """Rows (C,) of frames whose readings are all those of an earlier frame.
 
-    None where a coarse converter, or no noise at all, makes equal frames of one state usual: by
+    Without those of one state, untouched or of one force in one press, where all untouched frames
+    are equal, so that no noise is seen; none where a coarse converter makes equal frames usual, by
     the share of equal readings in successive frames that are no copies.
     """
     values = recording.readings
-    is_read = np.isfinite(values).any(axis=1)
-    is_copy = pd.Series([hash(frame.tobytes()) for frame in values]).duplicated().to_numpy()
-    is_copy = is_copy & is_read & (np.nan_to_num(values) != 0).any(axis=1)
-    rows = np.flatnonzero(~is_copy & is_read)
-    if not is_copy.any() or len(rows) < 2:
-        return np.flatnonzero(is_copy)[:0]
-    is_equal = values[rows[1:]] == values[rows[:-1]]
-    equal_share = np.quantile(is_equal.mean(axis=1), 0.9)
-    if equal_share ** values.shape[1] > MAX_CHANCE:
-        return np.flatnonzero(is_copy)[:0]
+    original = pd.factorize(np.array([hash(frame.tobytes()) for frame in values]))[0]
+    original = np.unique(original, return_index=True)[1][original]
+    is_copy = original < np.arange(len(values))
+    is_copy &= (np.nan_to_num(values) != 0).any(axis=1)
+    press = presses(recording)
+    if (~is_copy & (press < 0)).sum() == 1:
+        force = np.where(press < 0, 0.0, recording.frames["force_N"].to_numpy(float))
+        is_copy &= (press != press[original]) | (force != force[original])
+    rows = np.flatnonzero(~is_copy)
+    if is_copy.any() and len(rows) > 1:
+        equal_share = np.quantile((values[rows[1:]] == values[rows[:-1]]).mean(axis=1), 0.9)
+        is_copy &= equal_share ** values.shape[1] <= MAX_CHANCE
     return np.flatnonzero(is_copy)

@@ -399,6 +399,8 @@ def polarity(recording: Recording) -> list[Finding]:
 def numbering(recording: Recording) -> list[Finding]:
     """Whether hotspots of touches are at their stated places (value: the turn between them in
     degrees)."""
+    if any(finding.severity == ERROR for finding in places(recording)):
+        return []
     fit = wiring.numbering(recording)
     if fit is None:
         return []
@@ -407,6 +409,8 @@ def numbering(recording: Recording) -> list[Finding]:
         "(counter-clockwise) from where the file puts them, and after that turn within "
         f"{fit.residual_radii:.2f} of the radius (median)."
     )
+    if fit.is_lost:
+        sentence += " No turn brings them there: places and readings may not belong together."
     if fit.severity == ERROR and fit.is_mirrored:
         sentence = (
             "wrong electrode numbering: touches light up mirrored; numbers run the other way round."
@@ -420,6 +424,28 @@ def numbering(recording: Recording) -> list[Finding]:
             "each, or turn the labelled places."
         )
     return [Finding("numbering", fit.severity, sentence, fit.turn_deg)]
+
+
+def places(recording: Recording) -> list[Finding]:
+    """Presses that light up at each other's places (value: their share of all presses)."""
+    moved = wiring.misplaced(recording)
+    if moved is None:
+        return []
+    distance_text = (
+        f"{len(moved.presses)} of {moved.number} presses light up {moved.stated_radii:.2f} of the"
+        f" radius (median) from where the file puts them, but within {moved.assigned_radii:.2f} of"
+        " another press' place"
+    )
+    if moved.severity == ERROR:
+        sentence = (
+            f"places and readings do not belong together: {distance_text}. The places' order is not"
+            " that of the presses: look at how labels were joined to frames."
+        )
+    else:
+        named = listed(list(moved.presses[:8])) + (" ..." if len(moved.presses) > 8 else "")
+        sentence = f"places of presses {named} seem to be exchanged: {distance_text}."
+    share = len(moved.presses) / moved.number
+    return [Finding("places", moved.severity, sentence, share)]
 
 
 def unobservable(recording: Recording) -> list[Finding]:

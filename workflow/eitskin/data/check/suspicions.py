@@ -15,6 +15,7 @@ from eitskin.data.check import (
     placeholders,
     plausibility,
     response,
+    second_touches,
     steps,
     unlabelled,
 )
@@ -22,7 +23,7 @@ from eitskin.data.check.finding import ERROR, WARNING, Finding
 from eitskin.data.recording import Recording
 from eitskin.quantities import listed, percent
 
-MAX_STEPS = 8  # told one by one: more are no mishap of a recording
+MAX_STEPS = 5  # told one by one: more are no mishap of a recording
 
 
 def units(recording: Recording) -> list[Finding]:
@@ -140,6 +141,21 @@ def unlabelled_touches(recording: Recording) -> list[Finding]:
             Finding("unlabelled", WARNING, sentence, float(last - first + 1), frame=first)
         )
     return findings
+
+
+def second_touch(recording: Recording) -> list[Finding]:
+    """Presses with a second touch that no label tells (value: their frames)."""
+    rows = second_touches.second_touches(recording)
+    if not rows:
+        return []
+    number = "1 press" if len(rows) == 1 else f"{len(rows)} presses"
+    frames = np.sort(np.concatenate(rows))
+    sentence = (
+        f"in {number}, {naming.frames(frames)}, the readings show a second touch, at another place"
+        " than the labelled one, that no label tells. A diagnosis leaves these frames out; a column"
+        " `touches` would tell it both."
+    )
+    return [Finding("second", WARNING, sentence, float(len(frames)), frame=int(frames[0]))]
 
 
 def exchanged_channels(recording: Recording) -> list[Finding]:

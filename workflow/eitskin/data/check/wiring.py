@@ -20,7 +20,7 @@ from eitskin.data.check.measures import (
     reading_variance,
     untouched_readings,
 )
-from eitskin.data.recording import Recording
+from eitskin.data.recording import Recording, presses
 from eitskin.errors import InputError
 from eitskin.physics.protocol import reciprocal_channels
 
@@ -34,6 +34,8 @@ EXCHANGED_CORRELATION = -0.5  # with a disc's readings: near 1 by a right table,
 MAX_RESIDUAL_RADII = 0.25  # median distance of hotspots: beyond, they show no places
 MIN_TOUCHES = 20  # for medians over touches
 MAX_FAULTY = 2  # electrodes, or pairs of them, without which the others keep reciprocity
+MIN_PRESSES, MAX_PRESSES = 4, 500  # whose places are compared with hotspots
+MAX_PLACE_RADII = 0.1  # from a hotspot to its place: a grid step, and a probe beside it
 MIN_KEPT_PAIRS = 5  # reciprocal pairs that are left then
 
 
@@ -229,7 +231,7 @@ class Numbering:
 
     `turn_deg` is counter-clockwise, `pitch_deg` the angle between electrodes, `residual_radii` the
     median distance after that turn, in radii; `is_clear` where it is small and much smaller than
-    that of the other handedness.
+    that of the other handedness; `is_lost` where no turn brings them to their places.
     """
 
     touches: int
@@ -238,6 +240,7 @@ class Numbering:
     residual_radii: float
     is_mirrored: bool
     is_clear: bool
+    is_lost: bool
 
     @property
     def severity(self) -> str:
@@ -268,6 +271,66 @@ def numbering(recording: Recording) -> Numbering | None:
         pitch_deg=360.0 / recording.n_electrodes,
         residual_radii=similarity.residual / radius,
         is_mirrored=similarity.is_mirrored,
+        is_lost=similarity.residual > MAX_RESIDUAL_RADII * radius,
         is_clear=similarity.residual < MAX_RESIDUAL_RADII * radius
         and similarity.rival_residual > MIN_IMPROVEMENT * similarity.residual,
+    )
+
+
+@dataclass(frozen=True)
+class Misplaced:
+    """Presses of which another press' place is where they light up: their numbers, the number of
+    all, and the median distances, in radii, from hotspots to the stated places and to those."""
+
+    presses: tuple[int, ...]
+    number: int
+    stated_radii: float
+    assigned_radii: float
+
+    @property
+    def severity(self) -> str:
+        """An error where it is half of the presses or more: then places tell nothing."""
+        return ERROR if 2 * len(self.presses) >= self.number else WARNING
+
+
+def misplaced(recording: Recording) -> Misplaced | None:
+    """Presses that light up at each other's places, by the assignment of places to hotspots of the
+    least sum of distances.
+
+    None where places are not in the skin's frame, its radius or angles are unknown, presses are
+    few, or one turn brings all to their places.
+    """
+    skin = recording.skin
+    press = presses(recording)
+    number = int(press.max(initial=-1)) + 1
+    in_skin = recording.metadata["position_frame"] == "skin"
+    if not in_skin or skin.radius_mm is None or skin.electrode_deg is None or number < MIN_PRESSES:
+        return None
+    turn = numbering(recording)
+    if turn is not None and turn.severity == ERROR:
+        return None
+    try:
+        change = np.nan_to_num(baseline.changes(recording, "recording"))
+    except InputError:  # a session without an untouched frame
+        return None
+    size = (change**2).sum(axis=1)
+    numbers = np.unique(np.linspace(0, number - 1, min(number, MAX_PRESSES)).astype(int))
+    rows = np.array([np.argmax(np.where(press == chosen, size, -1.0)) for chosen in numbers])
+    hotspots = alignment.hotspots(recording, rows)
+    stated = recording.frames[["x_mm", "y_mm"]].to_numpy(float)[rows] @ np.array([1.0, 1.0j])
+    distance = np.abs(hotspots[:, None] - stated / skin.radius_mm)
+    from scipy.optimize import linear_sum_assignment  # here, as every start would load it
+
+    assigned = linear_sum_assignment(distance)[1]
+    stated_radii = np.diag(distance)
+    assigned_radii = distance[np.arange(len(rows)), assigned]
+    is_moved = (stated_radii > MAX_RESIDUAL_RADII) & (assigned_radii < MAX_PLACE_RADII)
+    is_closed = is_moved & np.isin(np.arange(len(rows)), assigned[is_moved])
+    if is_closed.sum() < 2 or np.median(assigned_radii) > MAX_PLACE_RADII:
+        return None
+    return Misplaced(
+        tuple(numbers[is_closed].tolist()),
+        len(rows),
+        float(np.median(stated_radii[is_closed])),
+        float(np.median(assigned_radii[is_closed])),
     )
