@@ -100,7 +100,7 @@ def lost_forces(recording: Recording) -> list[Finding]:
         " readings show that the probe presses on: look at the load cell, its cable and its"
         " amplifier, and leave these frames out."
     )
-    return [Finding("force", WARNING, sentence, lowest, frame=int(rows[0]))]
+    return [Finding("lost force", WARNING, sentence, lowest, frame=int(rows[0]))]
 
 
 def constant_frames(recording: Recording) -> list[Finding]:
@@ -204,9 +204,9 @@ def steps_in_time(recording: Recording) -> list[Finding]:
         bounds = pairwise([0, *(step.frame for step in all_steps), len(recording.frames)])
         first, end = max(bounds, key=lambda ends: ends[1] - ends[0])
         sentence = (
-            f"{len(all_steps)} steps, the largest from frame {largest.frame} on: objects or touches"
-            " that the file does not tell, or a wire that moves again and again. The longest part"
-            f" without one: {unlabelled.stretch_text((first, end - 1))}."
+            f"{len(all_steps)} steps, the largest from frame {largest.frame} on: an object or a"
+            " touch that the file does not tell, or a wire that moved, again and again. The longest"
+            f" part without one: {unlabelled.stretch_text((first, end - 1))}."
         )
         count = float(len(all_steps))
         return [Finding("steps", WARNING, sentence, count, stretch=(first, end - 1))]
