@@ -305,11 +305,13 @@ def _say(text: str, stream: TextIO | None = None) -> None:
 
 
 def _print_step_commands(checked: check.Check, count: int, arguments: argparse.Namespace) -> None:
-    """For a recording of `count` frames with steps, print the commands that diagnose its parts."""
+    """For a recording of `count` frames with steps, print the commands that diagnose its parts, of
+    many the longest."""
     start = arguments.frames[0] if arguments.frames else 0
     frames = [finding.frame for finding in checked.of_topic("step") if finding.frame is not None]
     steps = sorted(start + frame for frame in frames)
-    if not steps:
+    stretches = [item.stretch for item in checked.findings if item.stretch is not None]
+    if not steps and not stretches:
         return
     argument_values = vars(arguments)
     options = ("format", "order", "drive", "measure", "array", "frequency", "skin", "query")
@@ -327,10 +329,13 @@ def _print_step_commands(checked: check.Check, count: int, arguments: argparse.N
     sentence = (
         f"A step at frame {steps[0]}" if len(steps) == 1 else f"Steps at frames {listed(steps)}"
     )
-    print(
-        f"{sentence}: what lies before and after is diagnosed apart. A report of each:", flush=True
-    )
-    for first_frame, end_frame in pairwise([start, *steps, start + count]):
+    sentence += ": what lies before and after is diagnosed apart. A report of each:"
+    parts = list(pairwise([start, *steps, start + count]))
+    if stretches:
+        sentence = "A report of the longest part without a step:"
+        parts = [(start + first, start + last + 1) for first, last in stretches]
+    print(sentence, flush=True)
+    for first_frame, end_frame in parts:
         print(
             f"  {shlex.join([*command, '--frames', f'{first_frame}:{end_frame - 1}'])}", flush=True
         )

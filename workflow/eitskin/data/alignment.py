@@ -82,7 +82,7 @@ def back_projection(projection: np.ndarray, change: np.ndarray) -> np.ndarray:
     """
     is_read = np.isfinite(change)
     norm = np.sqrt(projection**2 @ is_read.T.astype(float))
-    return projection @ np.where(is_read, change, 0.0).T / norm
+    return projection @ np.where(is_read, change, 0.0).T / np.where(norm > 0.0, norm, 1.0)
 
 
 def hotspots(recording: Recording, rows: np.ndarray) -> np.ndarray:

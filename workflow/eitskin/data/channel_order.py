@@ -16,6 +16,8 @@ from eitskin.errors import InputError
 from eitskin.physics.protocol import reciprocal_channels
 
 MIN_RECIPROCAL_SHARE = 0.25  # of channels in pairs: fewer do not show an order
+NOISE_MARGIN = 1.1  # times the noise's power: its estimate from some dozen frames may be too small
+MIN_SIGNAL_SHARE = 0.25  # of the noise's power: below it, what noise leaves is no misfit
 
 
 @dataclass(frozen=True)
@@ -38,42 +40,60 @@ class Misfit:
         return float(np.sqrt(np.mean(np.square(weaker)))) if weaker else None
 
 
-def misfit(readings: np.ndarray, channels: np.ndarray, n_electrodes: int, signed: bool) -> Misfit:
+def misfit(
+    readings: np.ndarray,
+    channels: np.ndarray,
+    n_electrodes: int,
+    signed: bool,
+    variance: np.ndarray | None = None,
+) -> Misfit:
     """Misfit of K frames of readings (K, M) to channels (M, 4); NaN is skipped.
 
     Rotation compares the channels' rms over frames, so that touches off the centre average out.
-    `signed` is False for magnitudes.
+    `signed` is False for magnitudes; `variance` (M,) is the noise's, which is taken out.
     """
     pairs, signs = reciprocal_channels(channels)
     reciprocity = None
     if 2 * len(pairs) >= MIN_RECIPROCAL_SHARE * len(channels):
-        reciprocity = relative_change(readings, pairs, signs if signed else np.ones(len(pairs)))
+        reciprocity = relative_change(readings, pairs, signs if signed else None, variance)
     reversed_pairs, reversed_signs = _partners(channels, channels[:, [1, 0, 2, 3]])
-    reversal = relative_change(readings, reversed_pairs, -reversed_signs if signed else None)
+    reversal = relative_change(
+        readings, reversed_pairs, -reversed_signs if signed else None, variance
+    )
     turned_pairs, _ = _partners(channels, (channels + 1) % n_electrodes)
     is_read = np.isfinite(readings)
     power = np.sum(np.where(is_read, readings, 0.0) ** 2, axis=0) / np.maximum(
         is_read.sum(axis=0), 1
     )
+    if variance is not None:
+        power = np.maximum(power - variance, 0.0)
     rms = np.where(is_read.any(axis=0), np.sqrt(power), np.nan)[None]
     return Misfit(reciprocity, reversal, relative_change(rms, turned_pairs, None))
 
 
 def relative_change(
-    readings: np.ndarray, pairs: np.ndarray, signs: np.ndarray | None
+    readings: np.ndarray,
+    pairs: np.ndarray,
+    signs: np.ndarray | None,
+    variance: np.ndarray | None = None,
 ) -> float | None:
     """rms of v[j] - sign v[i] over pairs (i, j) (P, 2) of channels, relative to the readings' rms.
 
-    `signs` (P,) are 1 where None; NaN is skipped. None without any usable pair.
+    `signs` (P,) are 1 where None; NaN is skipped. The noise's `variance` (M,) is taken out of both.
+    None without any usable pair, and where most of the readings' power is noise.
     """
     reference, partner = readings[:, pairs[:, 0]], readings[:, pairs[:, 1]]
     if signs is not None:
         reference = reference * signs
     is_read = np.isfinite(reference) & np.isfinite(partner)
     power = np.sum(reference[is_read] ** 2 + partner[is_read] ** 2) / 2.0
-    return (
-        float(np.sqrt(np.sum((partner - reference)[is_read] ** 2) / power)) if power > 0 else None
-    )
+    change = np.sum((partner - reference)[is_read] ** 2)
+    if variance is not None:
+        pair_noise = float(is_read.sum(axis=0) @ variance[pairs].sum(axis=1))
+        power, change = power - pair_noise / 2.0, max(change - NOISE_MARGIN * pair_noise, 0.0)
+        if power < MIN_SIGNAL_SHARE * pair_noise:
+            return None
+    return float(np.sqrt(change / power)) if power > 0 else None
 
 
 def _partners(channels: np.ndarray, equivalents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -38,8 +38,13 @@ def stretch(recorded: Recording, first_frame: int, last_frame: int, file: str | 
         raise InputError(file, "frames", f"{first_frame}:{last_frame}", expected)
     rows = np.arange(count)
     selection = of_frames(recorded, (rows >= first_frame) & (rows <= last_frame))
-    frames = selection.frames.assign(frame=np.arange(len(selection.frames)))
     source = f"{recorded.metadata['source']}; its frames {first_frame} to {last_frame}"
-    selection = replace(selection, frames=frames, metadata=recorded.metadata | {"source": source})
+    selection = replace(numbered(selection), metadata=recorded.metadata | {"source": source})
     validate(selection, file)
     return selection
+
+
+def numbered(recorded: Recording) -> Recording:
+    """A recording with its frames numbered from 0."""
+    frames = recorded.frames.assign(frame=np.arange(len(recorded.frames)))
+    return replace(recorded, frames=frames)

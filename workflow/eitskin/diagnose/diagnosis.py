@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from threadpoolctl import threadpool_limits
 
+from eitskin.data.check.placeholders import measured
 from eitskin.data.check.unlabelled import labelled, stretch_text
 from eitskin.data.recording import Recording, voltages
 from eitskin.diagnose.fitting.excerpt import LIMIT_GIB, excerpt
@@ -28,7 +29,8 @@ def diagnose(
 ) -> Diagnosis:
     """Diagnose a recording: locate, name and model what its simulation leaves out.
 
-    Frames in which somebody touched though no label tells are left out. Of a long recording, an
+    Frames in which somebody touched though no label tells, and numbers that stand for readings that
+    there are not, are left out. Of a long recording, an
     excerpt, as long as memory_GiB are expected to allow; a search on a few frames of it is where
     that on all begins, or the effects of an earlier diagnosis where these explain it: each has to
     be borne out. opened: pairs of a gate's and an effect's name, for which the gate lets everything
@@ -55,7 +57,7 @@ def _diagnosed(
         if progress:
             print(f"  {line}", file=sys.stderr, flush=True)
 
-    recording, unlabelled = labelled(recording)
+    recording, unlabelled = labelled(measured(recording))
     for frames in unlabelled:
         report(f"a touch without a label in {stretch_text(frames)}, left out")
     count = len(recording.frames)

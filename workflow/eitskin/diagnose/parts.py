@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from eitskin.data import subset
+from eitskin.data.check.placeholders import measured
 from eitskin.data.check.steps import steps
 from eitskin.data.check.unlabelled import labelled
 from eitskin.data.recording import Recording
@@ -42,7 +43,7 @@ def diagnose(
     Raises InputError as `diagnosis.diagnose` does; where no part can be diagnosed, that of the
     longest.
     """
-    recording, unlabelled = labelled(recording)
+    recording, unlabelled = labelled(measured(recording))
     first_rows = [step.frame for step in steps(recording)]
     if not first_rows:
         whole = diagnosis.diagnose(recording, seed, progress, memory_GiB, earlier)

@@ -1,9 +1,10 @@
 """Checks of a recording: its contents, its quality and what it cannot show, in plain words.
 
 `kinds`, `measures`, `wiring`, `missing`, `plausibility`, `response`, `clipping`, `compliance`,
-`exchange`, `unlabelled` and `steps` measure and grade; `sentences` puts it into words, `suspicions`
-only where something looks wrong. Errors make a recording unusable as it is: values of another kind
-than stated, a wrong channel order, readings that no passive skin gives, readings that never change.
+`exchange`, `unlabelled`, `second_touches`, `placeholders`, `copies`, `loads` and `steps` measure and
+grade; `sentences` puts it into words, `suspicions` only where something looks wrong. Errors make a
+recording unusable as it is: values of another kind than stated, a wrong channel order, readings
+that no passive skin gives, readings that never change, places in another order than their presses.
 """
 
 from pathlib import Path
@@ -11,6 +12,7 @@ from pathlib import Path
 from eitskin.atomic import atomic_path
 from eitskin.data.check import sentences, suspicions
 from eitskin.data.check.finding import ERROR, FACT, UNOBSERVABLE, WARNING, Check, Finding
+from eitskin.data.check.placeholders import measured
 from eitskin.data.recording import Recording
 from eitskin.errors import InputError
 from eitskin.progress import patient
@@ -20,8 +22,11 @@ __all__ = ["ERROR", "FACT", "UNOBSERVABLE", "WARNING", "Check", "check", "text",
 
 EXAMINATIONS = (  # of a recording with readings
     suspicions.constant_frames,
+    suspicions.copied_frames,
+    suspicions.lost_forces,
     suspicions.unseen_touches,
     suspicions.unlabelled_touches,
+    suspicions.second_touch,
     sentences.lost_readings,
     sentences.clipped_channels,
     sentences.noise,
@@ -32,6 +37,7 @@ EXAMINATIONS = (  # of a recording with readings
     suspicions.weak_drives,
     sentences.channel_order,
     sentences.polarity,
+    sentences.places,
     sentences.numbering,
     sentences.unobservable,
 )
@@ -42,11 +48,15 @@ def check(recording: Recording, progress: bool = False) -> Check:
     findings = sentences.contents(recording) + sentences.skin(recording)
     findings += sentences.outline(recording) + sentences.repeated_channels(recording)
     if recording.voltage is not None:
-        refusals = sentences.dead_channels(recording) or suspicions.kind_of_values(recording)
+        refusals = sentences.dead_channels(recording) or suspicions.kind_of_values(
+            measured(recording)
+        )
         if refusals:
             return Check((*findings, *refusals))
     findings += suspicions.units(recording)
     if recording.voltage is not None:
+        findings += suspicions.stand_ins(recording) + suspicions.unplugged(recording)
+        recording = measured(recording)
         for examine in patient(EXAMINATIONS, "checking", progress):
             if examine is sentences.numbering and _is_order_wrong(findings):
                 continue  # by channels of another order touches light up anywhere

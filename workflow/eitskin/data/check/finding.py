@@ -10,7 +10,8 @@ class Finding:
     """One finding: topic, severity and sentence.
 
     `value` is its number, relative unless the topic's function says otherwise; `remedy` are the
-    frames to add for what cannot be observed; `frame` is set for a finding at one frame.
+    frames to add for what cannot be observed; `frame` is set for a finding at one frame, `stretch`,
+    the first and the last frame, for one that leaves these to be diagnosed.
     """
 
     topic: str
@@ -19,6 +20,7 @@ class Finding:
     value: float | None = None
     remedy: str | None = None
     frame: int | None = None
+    stretch: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import numpy as np
 
 from eitskin.data.channel_order import relative_change
 from eitskin.data.check.finding import ERROR, WARNING
+from eitskin.data.check.placeholders import unplugged
 from eitskin.data.recording import Recording, presses
 from eitskin.physics.protocol import reciprocal_channels
 
@@ -15,6 +16,7 @@ MAX_FRAMES = 500  # of differences: enough for an rms, and quick
 CLIPPED_FRAMES = 3  # at the ceiling: fewer may be equal by chance
 MAX_REPEATED_SHARE = 0.5  # of the table's rows: beyond, it is no table of a measurement
 MIN_NOISE_SHARE = 0.3  # of the median channel's noise: a floor for quantised channels
+MIN_REPEATS = 4  # frames of one state, for the noise of each reading
 UNKNOWNS = 3  # x, y and F of a touch
 
 
@@ -131,7 +133,8 @@ def dead_channels(recording: Recording) -> DeadChannels | None:
 
 @dataclass(frozen=True)
 class LostReadings:
-    """Channels lost in every frame, lost in some frames, and stuck at one value while others vary.
+    """Channels lost in every frame, but those of unplugged electrodes, lost in some frames, and
+    stuck at one value while others vary.
 
     `share` is the share of all readings lost, `share_of_partly_lost` that of the partly lost
     channels.
@@ -151,8 +154,11 @@ def lost_readings(recording: Recording) -> LostReadings:
     is_partly_lost = is_lost.any(axis=0) & ~is_lost.all(axis=0)
     is_constant = ~is_lost.any(axis=0) & (values == values[:1]).all(axis=0)
     is_stuck = is_constant & (len(values) > 2 and not is_constant.all())
+    of_unplugged = np.zeros(is_lost.shape[1], bool)
+    for electrode in unplugged(recording):
+        of_unplugged[electrode.channels] = True
     return LostReadings(
-        always_lost=np.flatnonzero(is_lost.all(axis=0)),
+        always_lost=np.flatnonzero(is_lost.all(axis=0) & ~of_unplugged),
         partly_lost=np.flatnonzero(is_partly_lost),
         stuck=np.flatnonzero(is_stuck),
         channels=is_lost.shape[1],
@@ -244,6 +250,20 @@ def channel_noise(values: np.ndarray) -> np.ndarray:
         channel_sd[:] = np.sqrt(np.nanmean(differences**2) / 2.0)
     median_sd = np.median(channel_sd[channel_sd > 0]) if channel_sd.any() else 1.0
     return np.maximum(channel_sd, MIN_NOISE_SHARE * median_sd)
+
+
+def reading_variance(recording: Recording) -> np.ndarray:
+    """(M,): variance of one reading by noise, from successive untouched frames, else from
+    successive frames of a press; 0 where neither tells."""
+    press = presses(recording)
+    rows = np.flatnonzero(press < 0)
+    if len(rows) < MIN_REPEATS:
+        rows = np.arange(len(press))
+    is_repeat = press[rows[1:]] == press[rows[:-1]]
+    differences = np.diff(recording.readings[rows], axis=0)[is_repeat]
+    if len(differences) < MIN_REPEATS - 1:
+        return np.zeros(recording.readings.shape[1])
+    return np.asarray(np.nan_to_num(successive_noise(differences)) ** 2)
 
 
 def noise_bound(recording: Recording) -> float | None:

@@ -9,7 +9,7 @@ from eitskin.data.check.missing import HOLD_S, missing_information
 from eitskin.data.recording import Recording
 from eitskin.physics.outline import EXPECTED, no_disc
 from eitskin.physics.skin import OPTIONAL
-from eitskin.quantities import percent, quantity
+from eitskin.quantities import listed, percent, quantity
 
 SKIN = {  # key: its name, its unit
     "radius_mm": ("radius", "mm"),
@@ -316,9 +316,10 @@ def reciprocity(recording: Recording) -> list[Finding]:
     pair_error = measures.reciprocity(recording)
     if pair_error is None:
         return []
+    noise_text = "; noise included" if recording.metadata["values"] == "difference" else ""
     sentence = (
         f"exchanging drive and measurement changes a reading by {percent(pair_error.median, 2)} "
-        f"(median of {pair_error.pairs} pairs; rms {percent(pair_error.rms, 2)})."
+        f"(median of {pair_error.pairs} pairs; rms {percent(pair_error.rms, 2)}{noise_text})."
     )
     return [_fact("reciprocity", sentence, pair_error.median)]
 
@@ -333,8 +334,11 @@ def channel_order(recording: Recording) -> list[Finding]:
         order.best_names,
     )
     if overall is None:
-        sentence = "the channels repeat nothing, so their order cannot be checked."
-        return [Finding("order", UNOBSERVABLE, sentence, remedy="reciprocal or reversed channels")]
+        sentence, remedy = "the channels repeat nothing", "reciprocal or reversed channels"
+        if measures.reciprocity(recording) is not None:
+            sentence, remedy = "most of the readings is noise", "stronger touches"
+        sentence += ", so their order cannot be checked."
+        return [Finding("order", UNOBSERVABLE, sentence, remedy=remedy)]
     if order.is_wrong:
         ties = f" ({len(names) - 1} more orders fit alike)" if len(names) > 1 else ""
         sentence = (
@@ -345,6 +349,12 @@ def channel_order(recording: Recording) -> list[Finding]:
         )
     elif order.severity == FACT:
         sentence = f"as the table says: {_in_words(order.misfit)}."
+    elif order.faults:
+        sites = listed([naming.electrodes(site) for site in order.faults])
+        sentence = (
+            f"{_in_words(order.misfit)}, and hardly any without {sites}: a broken wire,"
+            " a bad contact, a wrong gain or offset there. A diagnosis may name it."
+        )
     elif order.worst_electrodes is not None:
         sentence = (
             f"{_in_words(order.misfit)}, most where electrodes "
@@ -394,6 +404,8 @@ def polarity(recording: Recording) -> list[Finding]:
 def numbering(recording: Recording) -> list[Finding]:
     """Whether hotspots of touches are at their stated places (value: the turn between them in
     degrees)."""
+    if any(finding.severity == ERROR for finding in places(recording)):
+        return []
     fit = wiring.numbering(recording)
     if fit is None:
         return []
@@ -402,6 +414,8 @@ def numbering(recording: Recording) -> list[Finding]:
         "(counter-clockwise) from where the file puts them, and after that turn within "
         f"{fit.residual_radii:.2f} of the radius (median)."
     )
+    if fit.is_lost:
+        sentence += " No turn brings them there: places and readings may not belong together."
     if fit.severity == ERROR and fit.is_mirrored:
         sentence = (
             "wrong electrode numbering: touches light up mirrored; numbers run the other way round."
@@ -415,6 +429,28 @@ def numbering(recording: Recording) -> list[Finding]:
             "each, or turn the labelled places."
         )
     return [Finding("numbering", fit.severity, sentence, fit.turn_deg)]
+
+
+def places(recording: Recording) -> list[Finding]:
+    """Presses that light up at each other's places (value: their share of all presses)."""
+    moved = wiring.misplaced(recording)
+    if moved is None:
+        return []
+    distance_text = (
+        f"{len(moved.presses)} of {moved.number} presses light up {moved.stated_radii:.2f} of the"
+        f" radius (median) from where the file puts them, but within {moved.assigned_radii:.2f} of"
+        " another press' place"
+    )
+    if moved.severity == ERROR:
+        sentence = (
+            f"places and readings do not belong together: {distance_text}. The places' order is not"
+            " that of the presses: look at how labels were joined to frames."
+        )
+    else:
+        named = listed(list(moved.presses[:8])) + (" ..." if len(moved.presses) > 8 else "")
+        sentence = f"places of presses {named} seem to be exchanged: {distance_text}."
+    share = len(moved.presses) / moved.number
+    return [Finding("places", moved.severity, sentence, share)]
 
 
 def unobservable(recording: Recording) -> list[Finding]:

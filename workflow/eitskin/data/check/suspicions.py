@@ -2,19 +2,29 @@
 to its findings, which are empty where nothing looks wrong.
 """
 
+from itertools import pairwise
+
+import numpy as np
+
 from eitskin.data.check import (
     compliance,
+    copies,
     exchange,
     kinds,
+    loads,
     naming,
+    placeholders,
     plausibility,
     response,
+    second_touches,
     steps,
     unlabelled,
 )
 from eitskin.data.check.finding import ERROR, WARNING, Finding
 from eitskin.data.recording import Recording
 from eitskin.quantities import listed, percent
+
+MAX_STEPS = 5  # told one by one: more are no mishap of a recording
 
 
 def units(recording: Recording) -> list[Finding]:
@@ -43,6 +53,73 @@ def kind_of_values(recording: Recording) -> list[Finding]:
         )
         return [Finding("values", ERROR, sentence)]
     return []
+
+
+def stand_ins(recording: Recording) -> list[Finding]:
+    """Numbers in the place of readings (value: their share of all readings)."""
+    findings = []
+    for placeholder in placeholders.placeholders(recording):
+        frames = np.flatnonzero(placeholder.mask.any(axis=1))
+        count = int(placeholder.mask.sum())
+        subject = "1 reading is" if count == 1 else f"{count} readings are"
+        sentence = (
+            f"{subject} {placeholder.value:.6g} (in {naming.frames(frames)}), far from all others"
+            " of the same channels: the instrument's sign that it read nothing. Left out here and"
+            " in a diagnosis."
+        )
+        share = float(placeholder.mask.mean())
+        findings.append(Finding("placeholder", WARNING, sentence, share, frame=int(frames[0])))
+    return findings
+
+
+def unplugged(recording: Recording) -> list[Finding]:
+    """Electrodes that no channel reads (value: the share of channels that they take part in)."""
+    electrodes = placeholders.unplugged(recording)
+    if not electrodes:
+        return []
+    channels = np.unique(np.concatenate([item.channels for item in electrodes]))
+    readings = {item.reading for item in electrodes}
+    reading = readings.pop() if len(readings) == 1 else None
+    state = "read nothing" if reading is None else f"are {reading:.6g}"
+    state = "are lost in every frame" if reading is not None and np.isnan(reading) else state
+    numbers = sorted(item.electrode for item in electrodes)
+    verb, pronoun = ("takes", "is") if len(numbers) == 1 else ("take", "are")
+    sentence = (
+        f"all {len(channels)} readings in which {naming.electrodes(numbers)} {verb} part {state}: "
+        f"{naming.electrodes(numbers)} {pronoun} not connected. They are left out here and in a"
+        " diagnosis."
+    )
+    return [Finding("unplugged", WARNING, sentence, len(channels) / len(recording.channels))]
+
+
+def copied_frames(recording: Recording) -> list[Finding]:
+    """Frames that copy earlier ones (value: their share of all frames)."""
+    rows = copies.copies(recording)
+    if not len(rows):
+        return []
+    verb = "is a copy" if len(rows) == 1 else "are copies"
+    sentence = (
+        f"{naming.frames(rows)} {verb}, to the last digit of every channel, of an earlier frame:"
+        " the instrument, its driver or the file repeats itself, and what these frames say of"
+        " force, time and noise is not measured. Leave them out, or ask the driver for new frames"
+        " only."
+    )
+    share = len(rows) / len(recording.frames)
+    return [Finding("copies", WARNING, sentence, share, frame=int(rows[0]))]
+
+
+def lost_forces(recording: Recording) -> list[Finding]:
+    """Forces that fall away in a press (value: the lowest of them in N)."""
+    rows = loads.lost_forces(recording)
+    if not len(rows):
+        return []
+    lowest = float(recording.frames["force_N"].to_numpy()[rows].min())
+    sentence = (
+        f"force_N falls to {lowest:.3g} N in {naming.frames(rows)}, within a press, though the"
+        " readings show that the probe presses on: look at the load cell, its cable and its"
+        " amplifier, and leave these frames out."
+    )
+    return [Finding("lost force", WARNING, sentence, lowest, frame=int(rows[0]))]
 
 
 def constant_frames(recording: Recording) -> list[Finding]:
@@ -85,6 +162,21 @@ def unlabelled_touches(recording: Recording) -> list[Finding]:
     return findings
 
 
+def second_touch(recording: Recording) -> list[Finding]:
+    """Presses with a second touch that no label tells (value: their frames)."""
+    rows = second_touches.second_touches(recording)
+    if not rows:
+        return []
+    number = "1 press" if len(rows) == 1 else f"{len(rows)} presses"
+    frames = np.sort(np.concatenate(rows))
+    sentence = (
+        f"in {number}, {naming.frames(frames)}, the readings show a second touch, at another place"
+        " than the labelled one, that no label tells. A diagnosis leaves these frames out; a column"
+        " `touches` would tell it both."
+    )
+    return [Finding("second", WARNING, sentence, float(len(frames)), frame=int(frames[0]))]
+
+
 def exchanged_channels(recording: Recording) -> list[Finding]:
     """Two exchanged columns (value: the number of exchanges that would restore reciprocity)."""
     exchanges = exchange.exchanged_channels(recording)
@@ -125,7 +217,19 @@ def steps_in_time(recording: Recording) -> list[Finding]:
     cause = "a wire or a contact moved"
     if not recording.frames["touch"].any():
         cause += ", or a touch that the file does not tell"
-    for step in steps.steps(recording):
+    all_steps = steps.steps(recording)
+    if len(all_steps) > MAX_STEPS:
+        largest = max(all_steps, key=lambda step: step.size)
+        bounds = pairwise([0, *(step.frame for step in all_steps), len(recording.frames)])
+        first, end = max(bounds, key=lambda ends: ends[1] - ends[0])
+        sentence = (
+            f"{len(all_steps)} steps, the largest from frame {largest.frame} on: an object or a"
+            " touch that the file does not tell, or a wire that moved, again and again. The longest"
+            f" part without one: {unlabelled.stretch_text((first, end - 1))}."
+        )
+        count = float(len(all_steps))
+        return [Finding("steps", WARNING, sentence, count, stretch=(first, end - 1))]
+    for step in all_steps:
         previous_frame, next_frame = step.between
         sentence = f"the untouched readings change for good from frame {step.frame} on"
         if next_frame - previous_frame > 1:

@@ -16,6 +16,7 @@ import numpy as np
 from eitskin.data import alignment, subset
 from eitskin.data.baseline import sessions
 from eitskin.data.check.measures import channel_noise
+from eitskin.data.check.second_touches import second_touches
 from eitskin.data.recording import Recording
 from eitskin.physics.outline import no_disc
 
@@ -82,9 +83,11 @@ def unlabelled_touches(recording: Recording) -> list[tuple[int, int]]:
 
 
 def labelled(recording: Recording) -> tuple[Recording, list[tuple[int, int]]]:
-    """A recording without the frames in which somebody touched though no label tells, itself where
-    there are none; and the numbers of the first and last frame of each stretch of these."""
-    stretches = unlabelled_touches(recording)
+    """A recording without the frames in which somebody touched though no label tells, beside a
+    labelled touch or without one, itself where there are none; and the numbers of the first and
+    last frame of each stretch of these."""
+    seconds = [(int(rows[0]), int(rows[-1])) for rows in second_touches(recording)]
+    stretches = sorted(unlabelled_touches(recording) + seconds)
     if not stretches:
         return recording, []
     keeps = np.ones(len(recording.frames), bool)

@@ -7,10 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from eitskin.data import alignment, baseline
-from eitskin.data.channel_order import Misfit, known_orders, misfit, reordered
+from eitskin.data.channel_order import (
+    Misfit,
+    known_orders,
+    misfit,
+    relative_change,
+    reordered,
+)
 from eitskin.data.check.finding import ERROR, FACT, UNOBSERVABLE, WARNING
-from eitskin.data.check.measures import identity_readings, untouched_readings
-from eitskin.data.recording import Recording
+from eitskin.data.check.measures import (
+    identity_readings,
+    reading_variance,
+    untouched_readings,
+)
+from eitskin.data.recording import Recording, presses
 from eitskin.errors import InputError
 from eitskin.physics.protocol import reciprocal_channels
 
@@ -23,19 +33,25 @@ TIE_FACTOR = 1.5  # of the best misfit: orders within it cannot be told apart
 EXCHANGED_CORRELATION = -0.5  # with a disc's readings: near 1 by a right table, -1 by a wrong one
 MAX_RESIDUAL_RADII = 0.25  # median distance of hotspots: beyond, they show no places
 MIN_TOUCHES = 20  # for medians over touches
+MAX_FAULTY = 2  # electrodes, or pairs of them, without which the others keep reciprocity
+MIN_PRESSES, MAX_PRESSES = 4, 500  # whose places are compared with hotspots
+MAX_PLACE_RADII = 0.1  # from a hotspot to its place: a grid step, and a probe beside it
+MIN_KEPT_PAIRS = 5  # reciprocal pairs that are left then
 
 
 @dataclass(frozen=True)
 class Order:
     """Misfit of the table's order, the smallest misfit of other known orders, and their names.
 
-    `worst_electrodes` are the two with most of the misfit of reciprocal pairs.
+    `worst_electrodes` are the two with most of the misfit of reciprocal pairs; `faults` the
+    electrodes, each alone or a driven and measured pair, without which the rest keep reciprocity.
     """
 
     misfit: Misfit
     best_misfit: float
     best_names: list[str]
     worst_electrodes: tuple[int, int] | None = None
+    faults: tuple[tuple[int, ...], ...] = ()
 
     @property
     def is_wrong(self) -> bool:
@@ -46,14 +62,15 @@ class Order:
     @property
     def severity(self) -> str:
         """An error where reciprocity is broken, which no passive, linear skin does; a warning where
-        only the weaker identities are."""
+        only the weaker identities are, and where it is at a few electrodes: a wire may be broken
+        there, a gain or an offset wrong, which the catalogue of effects has names for."""
         if self.misfit.overall is None:
             return UNOBSERVABLE
         if self.is_wrong:
             return ERROR
         if self.misfit.overall <= MAX_MISFIT:
             return FACT
-        return WARNING if self.misfit.reciprocity is None else ERROR
+        return WARNING if self.misfit.reciprocity is None or self.faults else ERROR
 
 
 def order(recording: Recording) -> Order:
@@ -63,21 +80,35 @@ def order(recording: Recording) -> Order:
     """
     signed = recording.metadata["voltage"] == "signed"
     values, _ = identity_readings(recording, np.ones(1))
-    untouched_order = _order(recording, values, signed and recording.quadrature is None)
+    variance = reading_variance(recording)
+    mean_variance = variance
+    if recording.metadata["values"] == "absolute":
+        mean_variance = variance / int((~recording.frames["touch"].to_numpy(dtype=bool)).sum())
+    untouched_order = _order(
+        recording, values, signed and recording.quadrature is None, mean_variance
+    )
     if untouched_order.misfit.overall is None or untouched_order.is_wrong:
         return untouched_order
     changes = _strong_changes(recording)
-    touched_order = None if changes is None else _order(recording, changes, signed)
+    touched_order = None if changes is None else _order(recording, changes, signed, variance)
     return (
         touched_order if touched_order is not None and touched_order.is_wrong else untouched_order
     )
 
 
-def _order(recording: Recording, values: np.ndarray, signed: bool) -> Order:
+def _order(recording: Recording, values: np.ndarray, signed: bool, variance: np.ndarray) -> Order:
     channels, n = recording.channels, recording.n_electrodes
-    table_misfit = misfit(values, channels, n, signed)
+    table_misfit = misfit(values, channels, n, signed, variance)
+    if table_misfit.reciprocity is None and _is_noise(recording, values):
+        return Order(Misfit(None, None, None), np.inf, [])
     misfits = {
-        name: misfit(reordered(values, permutation), channels, n, signed).overall
+        name: misfit(
+            reordered(values, permutation),
+            channels,
+            n,
+            signed,
+            reordered(variance[None], permutation)[0],
+        ).overall
         for name, permutation in known_orders(channels, n).items()
     }
     other_misfits = {name: value for name, value in misfits.items() if value is not None}
@@ -92,7 +123,59 @@ def _order(recording: Recording, values: np.ndarray, signed: bool) -> Order:
         best_misfit,
         [name for name, value in other_misfits.items() if value <= TIE_FACTOR * best_misfit],
         worst_electrodes,
+        _faults(recording, values, signed, variance) if table_misfit.reciprocity else (),
     )
+
+
+def _is_noise(recording: Recording, values: np.ndarray) -> bool:
+    """Whether the table has enough reciprocal pairs, and only their noise rules them out."""
+    return misfit(values, recording.channels, recording.n_electrodes, True).reciprocity is not None
+
+
+def _faults(
+    recording: Recording, values: np.ndarray, signed: bool, variance: np.ndarray
+) -> tuple[tuple[int, ...], ...]:
+    """At most MAX_FAULTY electrodes, or pairs that drive and measure, without which the misfit of
+    reciprocity is at most DOUBTFUL_MISFIT; of the two the one that takes fewer reciprocal pairs
+    with it. None where nothing does."""
+    pairs, signs = reciprocal_channels(recording.channels)
+    signs = signs if signed else np.ones(len(signs))
+    ends = np.sort(recording.channels[pairs[:, 0]].reshape(-1, 2, 2), axis=2)
+    electrodes = [(electrode,) for electrode in range(recording.n_electrodes)]
+    couples = [tuple(couple) for couple in np.unique(ends.reshape(-1, 2), axis=0).tolist()]
+    solutions = []
+    for sites in (electrodes, couples):
+        takes_part = np.array(
+            [
+                (ends == site[0]).any(axis=(1, 2))
+                if len(site) == 1
+                else (ends == np.array(site)).all(axis=2).any(axis=1)
+                for site in sites
+            ]
+        )
+        is_kept, faults = np.ones(len(pairs), bool), []
+        for _ in range(MAX_FAULTY):
+            misfits = [
+                _pair_misfit(values, pairs[kept], signs[kept], variance)
+                for kept in is_kept & ~takes_part
+            ]
+            site = int(np.argmin(misfits))
+            faults.append(sites[site])
+            is_kept &= ~takes_part[site]
+            if misfits[site] <= DOUBTFUL_MISFIT:
+                solutions.append((int(is_kept.sum()), tuple(sorted(faults))))
+                break
+    return max(solutions, key=lambda solution: solution[0])[1] if solutions else ()
+
+
+def _pair_misfit(
+    values: np.ndarray, pairs: np.ndarray, signs: np.ndarray, variance: np.ndarray
+) -> float:
+    """The misfit of reciprocal pairs; infinite where they are few, or unread."""
+    if len(pairs) < MIN_KEPT_PAIRS:
+        return np.inf
+    change = relative_change(values, pairs, signs, variance)
+    return np.inf if change is None else change
 
 
 def _strong_changes(recording: Recording) -> np.ndarray | None:
@@ -148,7 +231,7 @@ class Numbering:
 
     `turn_deg` is counter-clockwise, `pitch_deg` the angle between electrodes, `residual_radii` the
     median distance after that turn, in radii; `is_clear` where it is small and much smaller than
-    that of the other handedness.
+    that of the other handedness; `is_lost` where no turn brings them to their places.
     """
 
     touches: int
@@ -157,6 +240,7 @@ class Numbering:
     residual_radii: float
     is_mirrored: bool
     is_clear: bool
+    is_lost: bool
 
     @property
     def severity(self) -> str:
@@ -187,6 +271,66 @@ def numbering(recording: Recording) -> Numbering | None:
         pitch_deg=360.0 / recording.n_electrodes,
         residual_radii=similarity.residual / radius,
         is_mirrored=similarity.is_mirrored,
+        is_lost=similarity.residual > MAX_RESIDUAL_RADII * radius,
         is_clear=similarity.residual < MAX_RESIDUAL_RADII * radius
         and similarity.rival_residual > MIN_IMPROVEMENT * similarity.residual,
+    )
+
+
+@dataclass(frozen=True)
+class Misplaced:
+    """Presses of which another press' place is where they light up: their numbers, the number of
+    all, and the median distances, in radii, from hotspots to the stated places and to those."""
+
+    presses: tuple[int, ...]
+    number: int
+    stated_radii: float
+    assigned_radii: float
+
+    @property
+    def severity(self) -> str:
+        """An error where it is half of the presses or more: then places tell nothing."""
+        return ERROR if 2 * len(self.presses) >= self.number else WARNING
+
+
+def misplaced(recording: Recording) -> Misplaced | None:
+    """Presses that light up at each other's places, by the assignment of places to hotspots of the
+    least sum of distances.
+
+    None where places are not in the skin's frame, its radius or angles are unknown, presses are
+    few, or one turn brings all to their places.
+    """
+    skin = recording.skin
+    press = presses(recording)
+    number = int(press.max(initial=-1)) + 1
+    in_skin = recording.metadata["position_frame"] == "skin"
+    if not in_skin or skin.radius_mm is None or skin.electrode_deg is None or number < MIN_PRESSES:
+        return None
+    turn = numbering(recording)
+    if turn is not None and turn.severity == ERROR:
+        return None
+    try:
+        change = np.nan_to_num(baseline.changes(recording, "recording"))
+    except InputError:  # a session without an untouched frame
+        return None
+    size = (change**2).sum(axis=1)
+    numbers = np.unique(np.linspace(0, number - 1, min(number, MAX_PRESSES)).astype(int))
+    rows = np.array([np.argmax(np.where(press == chosen, size, -1.0)) for chosen in numbers])
+    hotspots = alignment.hotspots(recording, rows)
+    stated = recording.frames[["x_mm", "y_mm"]].to_numpy(float)[rows] @ np.array([1.0, 1.0j])
+    distance = np.abs(hotspots[:, None] - stated / skin.radius_mm)
+    from scipy.optimize import linear_sum_assignment  # here, as every start would load it
+
+    assigned = linear_sum_assignment(distance)[1]
+    stated_radii = np.diag(distance)
+    assigned_radii = distance[np.arange(len(rows)), assigned]
+    is_moved = (stated_radii > MAX_RESIDUAL_RADII) & (assigned_radii < MAX_PLACE_RADII)
+    is_closed = is_moved & np.isin(np.arange(len(rows)), assigned[is_moved])
+    if is_closed.sum() < 2 or np.median(assigned_radii) > MAX_PLACE_RADII:
+        return None
+    return Misplaced(
+        tuple(numbers[is_closed].tolist()),
+        len(rows),
+        float(np.median(stated_radii[is_closed])),
+        float(np.median(assigned_radii[is_closed])),
     )

@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from eitskin.data import subset
 from eitskin.data.importers import bare_vectors, matrix_table, protocol_search
 from eitskin.data.importers.bare_vectors import GROUND, Layout
 from eitskin.data.importers.description import describe
@@ -43,6 +44,7 @@ from eitskin.physics.geometry import even_angles
 
 LEFT_OPEN = ("order", "drive", "measure", "array")
 TRUE, FALSE = ("1", "1.0", "true", "yes"), ("0", "0.0", "false", "no")
+BLANK = "{} touched frames, whose place the labels leave blank, left out"
 TABLE_SUFFIXES = (".csv", ".tsv")
 MIN_COLUMNS = 8  # of a matrix without a description: narrower tables are something else
 
@@ -233,8 +235,16 @@ def _recording(path: Path, description: dict, table: Table, layout: Layout) -> R
     kind = description.get("voltage", bare_vectors.voltage_kind(readings))
     voltage_remark = "no reading is negative: taken for magnitudes, as `voltage` is not stated"
     voltage_remark = voltage_remark if kind == "magnitude" and "voltage" not in description else ""
+    is_placed = ~touch | frames[["x_mm", "y_mm"]].notna().any(axis=1).to_numpy()
+    is_placed |= not is_placed[touch].any()
+    blank_remark = "" if is_placed.all() else BLANK.format((~is_placed).sum())
     parts = bare_vectors.join_remarks(
-        f"matrix {path.name}", table.remark, layout.left_out, untouched_remark, voltage_remark
+        f"matrix {path.name}",
+        table.remark,
+        layout.left_out,
+        untouched_remark,
+        voltage_remark,
+        blank_remark,
     )
     skin = description.get("skin", {})
     angles = skin.get("electrode_deg", even_angles(layout.n_electrodes).tolist())
@@ -256,7 +266,8 @@ def _recording(path: Path, description: dict, table: Table, layout: Layout) -> R
     )
     metadata["frame_s"] = description.get("frame_s")
     quadrature = readings.imag.astype(float) if np.iscomplexobj(readings) else None
-    return Recording(frames, readings.real.astype(float), quadrature, None, metadata)
+    recorded = Recording(frames, readings.real.astype(float), quadrature, None, metadata)
+    return recorded if is_placed.all() else subset.numbered(subset.of_frames(recorded, is_placed))
 
 
 def _time(path: Path, description: dict, labels: dict, n_frames: int) -> np.ndarray:

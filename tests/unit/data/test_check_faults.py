@@ -1,0 +1,170 @@
+"""Faults of a rig and slips of an owner, told by the check and left out of a diagnosis."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eitskin.data import alignment, check, importers
+from eitskin.data.check import ERROR, FACT, WARNING
+from eitskin.data.check.copies import copies
+from eitskin.data.check.loads import lost_forces
+from eitskin.data.check.placeholders import measured
+from eitskin.data.check.second_touches import second_touches
+from eitskin.data.check.unlabelled import labelled
+from eitskin.data.recording import presses
+from eitskin.diagnose.parts import diagnose
+from eitskin.diagnose.verdict.conclusion import document
+from small_skin import CHANNELS, small_recording
+
+
+def finding(recording, topic):
+    (told,) = check.check(recording).of_topic(topic)
+    return told
+
+
+@pytest.mark.parametrize("number", [9.9e37, -9999.0, 0.0])
+def test_a_number_in_the_place_of_readings_is_said_and_left_out(number):
+    recording = small_recording()
+    is_lost = np.random.default_rng(1).random(recording.voltage.shape) < 0.01
+    recording.voltage[is_lost] = number
+    report = check.check(recording)
+    assert report.ok and f"{is_lost.sum()} readings are {number:.6g}" in check.text(report)
+    assert (np.isnan(measured(recording).voltage) == is_lost).all()
+    assert document(diagnose(recording), "lost")["verdict"] == "consistent"
+
+
+def test_readings_alone_are_all_measured():
+    recording = small_recording(noise=1e-3)
+    step = np.abs(recording.voltage).max() / 1024
+    recording.voltage = np.round(recording.voltage / step) * step
+    assert measured(recording) is recording
+
+
+@pytest.mark.parametrize(("electrodes", "reading"), [((3,), 0.0), ((0,), np.nan), ((1, 6), 5.0)])
+def test_an_unplugged_electrode_is_one_finding(make_recording, electrodes, reading):
+    recording = make_recording(presses=12)
+    recording.voltage[:, np.isin(recording.channels, electrodes).any(axis=1)] = reading
+    names = "electrode 3 is" if electrodes == (3,) else "electrode 0 is"
+    names = "electrodes 1 and 6 are" if len(electrodes) == 2 else names
+    assert f"{names} not connected" in finding(recording, "unplugged").sentence
+    report = check.check(recording)
+    assert [item.topic for item in report.of_severity(WARNING)] == ["unplugged"] and report.ok
+
+
+def test_a_broken_wire_on_a_coarse_converter_is_usable_and_diagnosed():
+    recording = small_recording({"name": "electrode-open", "electrodes": [5]})
+    step = np.abs(recording.voltage).max() / 1024
+    recording.voltage = np.round(recording.voltage / step) * step
+    told = finding(recording, "order")
+    assert told.severity == WARNING and "hardly any without electrode 5" in told.sentence
+    (effect,) = document(diagnose(recording), "open")["effects"]
+    assert effect["name"] == "electrode-open" and effect["electrodes"] == [5]
+
+
+def noisy_differences(make_recording, seed):
+    recording = make_recording(presses=12, noise=1e-9)
+    touched = recording.frames["touch"].to_numpy()
+    voltage = recording.voltage - recording.voltage[~touched].mean(axis=0)
+    size = np.sqrt((voltage[touched] ** 2).mean())
+    voltage += 0.4 * size * np.random.default_rng(seed).normal(size=voltage.shape)
+    return replace(
+        recording, voltage=voltage, metadata=recording.metadata | {"values": "difference"}
+    )
+
+
+def test_noise_of_differences_is_no_broken_order(make_recording):
+    recording = noisy_differences(make_recording, 0)
+    assert finding(recording, "order").severity == FACT
+    recording.voltage = recording.voltage[:, np.random.default_rng(1).permutation(208)]
+    assert finding(recording, "order").severity == ERROR
+
+
+def test_copies_of_frames_are_told_and_equal_frames_of_a_coarse_converter_are_none():
+    recording = small_recording()
+    recording.voltage[1::2] = recording.voltage[::2]
+    assert copies(recording).tolist() == list(range(1, len(recording.voltage), 2))
+    assert "17 frames (1, 3, 5, ...) are copies" in finding(recording, "copies").sentence
+    quiet = small_recording(noise=1e-6)
+    step = np.abs(quiet.voltage).max() / 128
+    quiet.voltage = np.round(quiet.voltage / step) * step
+    assert not len(copies(quiet))
+
+
+def test_a_force_that_falls_while_the_probe_presses_on_is_told():
+    recording = small_recording()
+    assert not len(lost_forces(recording))
+    recording.frames.loc[[11, 12], "force_N"] = 0.05
+    assert lost_forces(recording).tolist() == [11, 12]
+    assert (
+        "force_N falls to 0.05 N in 2 frames (11 to 12)"
+        in finding(recording, "lost force").sentence
+    )
+
+
+def test_places_in_another_order_than_the_presses_do_not_belong_to_the_readings():
+    recording = small_recording(places=8, seed=2)
+    assert not check.check(recording).of_topic("places")
+    press, places = presses(recording), recording.frames[["x_mm", "y_mm"]].to_numpy()
+    first = np.array([np.flatnonzero(press == number)[0] for number in range(8)])
+    touched = press >= 0
+    recording.frames.loc[touched, ["x_mm", "y_mm"]] = places[first[(press[touched] + 3) % 8]]
+    told = finding(recording, "places")
+    assert told.severity == ERROR and "do not belong together" in told.sentence
+    assert not check.check(recording).of_topic("numbering")
+
+
+def two_touches(scale):
+    recording, other = (
+        small_recording(places=8, noise=0.0),
+        small_recording(places=8, seed=50, noise=0.0),
+    )
+    rows = np.isin(presses(recording), [1, 6])
+    recording.voltage[rows] += scale * (other.voltage[rows] - other.voltage[0])
+    noise = 1e-3 * np.median(np.abs(recording.voltage))
+    recording.voltage += noise * np.random.default_rng(3).normal(size=recording.voltage.shape)
+    return recording, np.flatnonzero(rows)
+
+
+def test_presses_with_a_second_touch_that_no_label_tells_are_found_and_left_out():
+    recording, rows = two_touches(0.6)
+    assert np.concatenate(second_touches(recording)).tolist() == rows.tolist()
+    assert "8 frames (10 to 13, 35 to 38)" in finding(recording, "second").sentence
+    rest, stretches = labelled(recording)
+    assert stretches == [(10, 13), (35, 38)] and len(rest.frames) == len(recording.frames) - 8
+    assert not second_touches(two_touches(0.0)[0])
+
+
+def test_dozens_of_steps_are_one_line(make_recording):
+    recording = make_recording(presses=0, noise=1e-4)
+    draw, level = np.random.default_rng(0), recording.voltage.mean(axis=0)
+    places = 0.6 * np.exp(2j * np.pi * draw.random(12))
+    change = alignment.sensitivity(
+        recording.channels, np.array(recording.skin.electrode_deg), places
+    )
+    states = level + 0.02 * np.abs(level).mean() * change / np.abs(change).mean()
+    voltage = np.repeat(states, [6] * 11 + [9], axis=0)
+    voltage += 1e-4 * np.abs(level).mean() * draw.normal(size=voltage.shape)
+    frames = recording.frames.iloc[np.zeros(len(voltage), int)].reset_index(drop=True)
+    frames = frames.assign(frame=np.arange(len(voltage)), time_s=0.4 * np.arange(len(voltage)))
+    told = finding(replace(recording, frames=frames, voltage=voltage), "steps")
+    assert "steps, the largest from frame" in told.sentence and told.stretch == (66, 74)
+
+
+def test_touched_frames_with_a_blank_place_are_left_out_and_said(tmp_path):
+    recording = small_recording()
+    table = recording.frames[["time_s", "touch", "x_mm", "y_mm", "force_N"]].copy()
+    table["touch"] = table["touch"].astype(int)
+    table.loc[10:13, ["x_mm", "y_mm"]] = np.nan
+    for channel in range(len(CHANNELS)):
+        table[f"c{channel}"] = recording.voltage[:, channel]
+    table.to_csv(tmp_path / "press.csv", index=False)
+    names = ", ".join(f"{name}: {name}" for name in table.columns[:5])
+    (tmp_path / "press.yaml").write_text(
+        f"{{electrodes: 8, drive: adjacent, measurement: adjacent, labels: {{{names}}}}}\n"
+    )
+    loaded = importers.load(tmp_path / "press.csv")
+    assert (
+        len(loaded.frames) == len(table) - 4 and loaded.frames["frame"].iloc[-1] == len(table) - 5
+    )
+    assert "4 touched frames, whose place the labels leave blank" in loaded.metadata["source"]
