@@ -68,7 +68,7 @@ def tangent_basis(refit: Refit, query: Recording) -> TangentBasis:
     the residual.
     """
     fitted = refit.nothing.fit
-    columns = _columns(refit, _at_recording(fitted), _at_query(fitted, refit.recorded, query))
+    columns = _columns(refit, _at_recording(fitted), _at_query(fitted, query))
     return _projected(refit, query, columns)
 
 
@@ -122,11 +122,11 @@ def _at_recording(fitted: Fit) -> Tangents:
     return Tangents(Fit(fitted.problem, [], fitted.theta, fitted.residual, no_slopes))
 
 
-def _at_query(fitted: Fit, recorded: Recording, query: Recording) -> Tangents:
+def _at_query(fitted: Fit, query: Recording) -> Tangents:
     """Tangents of a query's readings, in the recording's unit."""
     shape = (len(query.frames), len(query.channels))
     unit = Whitening(np.ones(shape, bool), np.ones(shape[1]), np.zeros(shape[1]))
-    problem = Problem(RecordingSimulator(recorded, query), np.zeros(shape), unit)
+    problem = Problem(RecordingSimulator(query, fitted.problem.model), np.zeros(shape), unit)
     no_slopes = Jacobian(np.empty((0, *shape)))
     return Tangents(Fit(problem, [], fitted.theta, np.zeros(shape), no_slopes))
 

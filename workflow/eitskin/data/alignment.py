@@ -105,17 +105,18 @@ def hotspots(recording: Recording, rows: np.ndarray) -> np.ndarray:
 
 
 def strongest_touches(recording: Recording) -> np.ndarray:
-    """Rows of at most MAX_TOUCHES touched frames, the strongest first.
+    """Rows of at most MAX_TOUCHES touched frames that have readings, the strongest first.
 
     By force, from STRONG_N on, where it is known, else by the norm of the readings' change.
     """
-    touched = np.flatnonzero(recording.frames["touch"])
+    change = baseline.changes(recording, "recording")
+    is_read = np.isfinite(change).any(axis=1)
+    touched = np.flatnonzero(recording.frames["touch"].to_numpy(bool) & is_read)
     force = recording.frames["force_N"].to_numpy()[touched]
     if np.isfinite(force).any():
         touched, strength = touched[force >= STRONG_N], force[force >= STRONG_N]
     else:
-        change = baseline.changes(recording, "recording")[touched]
-        strength = np.sqrt(np.nansum(change**2, axis=1))
+        strength = np.sqrt(np.nansum(change[touched] ** 2, axis=1))
     return touched[np.argsort(-strength, kind="stable")][:MAX_TOUCHES]
 
 

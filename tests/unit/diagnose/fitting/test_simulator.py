@@ -42,7 +42,7 @@ def test_displaced_touches_read_as_if_they_had_been_recorded_there(recorded, ste
     model, coordinates = RecordingSimulator(recorded), np.array([0.1])
     before = model.voltage(coordinates, [])
     found = model.with_displacements(steps).voltage(coordinates, [])
-    expected = RecordingSimulator(recorded, moved(recorded, steps)).voltage(coordinates, [])
+    expected = RecordingSimulator(moved(recorded, steps), model).voltage(coordinates, [])
     assert np.array_equal(found, expected)
     assert np.abs(found - before)[model.touched].max() > 1e-3 * np.abs(before).max()
     assert np.array_equal(found[~model.touched], before[~model.touched])

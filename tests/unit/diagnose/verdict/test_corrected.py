@@ -101,7 +101,7 @@ def test_the_twin_reads_as_the_fit_does(tmp_path):
     small["press"] = config["twin"]["press"] | {"probes_mm": [8.0], "sessions_per_probe": 1}
     write_twin(tmp_path / "twin.parquet", Twin(**(config["twin"] | small | {"noise": 0.0})))
     twin = recording.read(tmp_path / "twin.parquet")
-    model = RecordingSimulator(recorded, twin)
+    model = RecordingSimulator(twin, problem.model)
     knobs, settings = problem.split(found.theta, found.effects)
     expected = np.abs(model.voltage(knobs, settings))
     assert np.allclose(twin.voltage, expected, rtol=1e-9)

@@ -64,14 +64,14 @@ class Calibration:
 
 
 class RecordingSimulator:
-    """Simulates the readings (N, M) of a recording's frames, or of a query's, in the recording's
-    form and unit.
+    """Simulates the readings (N, M) of a recording's frames.
 
-    nominal_skin: the skin as stated, with starts for what is not; calibrations: what is fitted of
-    it; states: those of the frames; touched, simulable (N,) bool: whether a frame is touched, and
-    whether its touch is stated well enough; solved_skins: a cache to share; coarse: whether bodies
-    are solved at accuracy train. Raises InputError where no frame can be simulated, or the scale of
-    the readings is unknown and none can be estimated.
+    base: of a query, the simulator that was fitted, whose skin, calibrations, form, unit and
+    largest force it has; solved_skins: a cache to share. nominal_skin: the skin as stated, with
+    starts for what is not; calibrations: what is fitted of it; states: those of the frames;
+    touched, simulable (N,) bool: whether a frame is touched, and whether its touch is stated well
+    enough; coarse: whether bodies are solved at accuracy train. Raises InputError where no frame
+    can be simulated, or the scale of the readings is unknown and none can be estimated.
     """
 
     coarse = False
@@ -79,37 +79,38 @@ class RecordingSimulator:
     def __init__(
         self,
         recording: Recording,
-        query: Recording | None = None,
+        base: "RecordingSimulator | None" = None,
         solved_skins: SolvedSkins | None = None,
     ):
-        frames = recording if query is None else query
         metadata = recording.metadata
-        self.channels = frames.channels
-        self.touched = frames.frames["touch"].to_numpy(bool)
-        self.difference = metadata["values"] == "difference"
-        self.magnitude = metadata["voltage"] == "magnitude"
-        self.unit = metadata["unit"]
-        self.frame_s = frames.metadata["frame_s"] or metadata["frame_s"]
-        self.sink_grounded = metadata["source_reference"] == "sink-grounded"
-        self.press = presses(frames)
-        self.force_max_N = float(np.nanmax(recording.frames["force_N"].fillna(0.0).to_numpy()))
-        self.states = _states(frames.frames)
+        self.channels = recording.channels
+        self.touched = recording.frames["touch"].to_numpy(bool)
+        self.press = presses(recording)
+        self.states = _states(recording.frames)
         self.simulable = ~self.touched | self.states.notna().all(axis=1).to_numpy()
         self.states.loc[~self.simulable, "touch"] = False
         if not self.simulable.any():
-            actual = f"{len(frames.frames)} touches of unknown force or probe"
+            actual = f"{len(recording.frames)} touches of unknown force or probe"
             raise InputError("recording", "frames", actual, "untouched frames, or touches known")
-        base = None if query is None else RecordingSimulator(recording)
-        self.nominal_skin: Skin
-        self.calibrations: list[Calibration]
-        self.nominal_skin, self.calibrations = (
-            (base.nominal_skin, base.calibrations) if base else beliefs(recording)
-        )
         self._sensed: OrderedDict[tuple, Sensed] = OrderedDict()
         self._displacement_key = b""
         self.solved_skins = solved_skins or SolvedSkins()
-        if base is None:
-            self._start_factor(recording)
+        self.nominal_skin: Skin
+        self.calibrations: list[Calibration]
+        if base is not None:
+            self.nominal_skin, self.calibrations = base.nominal_skin, base.calibrations
+            self.difference, self.magnitude, self.unit = base.difference, base.magnitude, base.unit
+            self.sink_grounded, self.force_max_N = base.sink_grounded, base.force_max_N
+            self.frame_s = metadata["frame_s"] or base.frame_s
+            return
+        self.difference = metadata["values"] == "difference"
+        self.magnitude = metadata["voltage"] == "magnitude"
+        self.unit = metadata["unit"]
+        self.sink_grounded = metadata["source_reference"] == "sink-grounded"
+        self.force_max_N = float(np.nanmax(recording.frames["force_N"].fillna(0.0).to_numpy()))
+        self.frame_s = metadata["frame_s"]
+        self.nominal_skin, self.calibrations = beliefs(recording)
+        self._start_factor(recording)
 
     def _start_factor(self, recording: Recording) -> None:
         """Where the scale of the readings is not stated, start from that of the median reading; of

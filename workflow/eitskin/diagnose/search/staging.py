@@ -116,7 +116,7 @@ def _on_frames(
 ) -> Search:
     """A search like that of a recording, on the frames of an excerpt of it."""
     problem = search.problem
-    model = RecordingSimulator(recording, part, problem.model.solved_skins)
+    model = RecordingSimulator(part, problem.model, problem.model.solved_skins)
     readings = np.where(model.simulable[:, None], part.readings, np.nan)
     clock = part.frames["frame"].to_numpy()
     whitening = replace(problem.whitening, mask=np.isfinite(readings), frame_number=clock)

@@ -209,9 +209,9 @@ def _designs(diagnosis: Diagnosis, rows: np.ndarray) -> dict[str, Design]:
     repeats = pd.concat([sequel.repeated(1 + k) for k in range(REPEATS - 1)], ignore_index=True)
     designs = {}
     for text, frames in {AS_IS: repeat[:0], REPEAT: repeats, **sequel.presses()}.items():
-        simulator = partial(RecordingSimulator, recording, sequel.joined(frames))
+        simulator = partial(RecordingSimulator, sequel.joined(frames), problem.model)
         designs[text] = sequel.design(simulator, problem.whitening, len(frames))
-    turned = partial(_TurnedConnector, recording, sequel, repeat)
+    turned = partial(_TurnedConnector, sequel, repeat)
     designs[TURN] = sequel.design(turned, problem.whitening, len(repeat))
     driven = _driven_design(diagnosis, sequel)
     if driven is not None:
@@ -359,7 +359,7 @@ def _driven_design(diagnosis: Diagnosis, sequel: _Sequel) -> Design | None:
     repeat = sequel.repeated()
     metadata = recording.metadata | {"channels": full_table.tolist()}
     query = replace(sequel.query(repeat), metadata=metadata)
-    simulator = partial(RecordingSimulator, recording, query)
+    simulator = partial(RecordingSimulator, query, sequel.model)
     model = sequel.model
     skin = model.skin(diagnosis.explanation.fit.theta[: len(model.calibrations)])
     forward = forward_model(Geometry.from_skin(skin), "diagnose")
@@ -388,14 +388,12 @@ class _TurnedConnector(RecordingSimulator):
     """A recording's frames, and frames after the connector was turned by one electrode: what is on
     the skin has gone to another terminal, what is in the wiring and the instrument stays."""
 
-    def __init__(self, recording: Recording, sequel: _Sequel, frames: pd.DataFrame):
-        super().__init__(recording, sequel.joined(frames))
+    def __init__(self, sequel: _Sequel, frames: pd.DataFrame):
+        super().__init__(sequel.joined(frames), sequel.model)
         recorded_frames = sequel.joined(frames[:0])
-        self._recorded_part = RecordingSimulator(
-            recording, recorded_frames, solved_skins=self.solved_skins
-        )
+        self._recorded_part = RecordingSimulator(recorded_frames, sequel.model, self.solved_skins)
         self._turned_part = _RolledElectrodes(
-            recording, sequel.query(frames), solved_skins=self.solved_skins
+            sequel.query(frames), sequel.model, self.solved_skins
         )
 
     def voltage(
