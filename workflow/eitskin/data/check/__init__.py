@@ -1,10 +1,11 @@
 """Checks of a recording: its contents, its quality and what it cannot show, in plain words.
 
 `kinds`, `measures`, `wiring`, `missing`, `plausibility`, `response`, `clipping`, `compliance`,
-`exchange`, `unlabelled`, `second_touches`, `placeholders`, `copies`, `loads` and `steps` measure and
-grade; `sentences` puts it into words, `suspicions` only where something looks wrong. Errors make a
-recording unusable as it is: values of another kind than stated, a wrong channel order, readings
-that no passive skin gives, readings that never change, places in another order than their presses.
+`exchange`, `unlabelled`, `second_touches`, `placeholders`, `copies`, `loads` and `steps` measure
+and grade; `sentences` puts it into words, `suspicions` only where something looks wrong. Errors
+make a recording unusable as it is: values of another kind than stated, a wrong channel order,
+readings that no passive skin gives, readings that never change, places in another order than their
+presses.
 """
 
 from pathlib import Path

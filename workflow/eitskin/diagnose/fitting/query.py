@@ -71,7 +71,9 @@ def simulator(fit: Fit, recording: Recording, query: Recording) -> Callable[...,
     """Voltages (N, M) of a query's states by its channels, noise-free, as a function of the
     coordinates (P,) of a recording's fit, and of the index of an effect that differs by its spread
     at sites which the recording does not have. Raises InputError for touches of unknown state."""
-    problem = Problem(RecordingSimulator(query, fit.problem.model), np.zeros(1), fit.problem.whitening)
+    problem = Problem(
+        RecordingSimulator(query, fit.problem.model), np.zeros(1), fit.problem.whitening
+    )
     if not problem.model.simulable.all():
         row = int(np.flatnonzero(~problem.model.simulable)[0])
         raise InputError("query", f"row {row}", "a touch of unknown state", "x, y, force and probe")

@@ -392,9 +392,7 @@ class _TurnedConnector(RecordingSimulator):
         super().__init__(sequel.joined(frames), sequel.model)
         recorded_frames = sequel.joined(frames[:0])
         self._recorded_part = RecordingSimulator(recorded_frames, sequel.model, self.solved_skins)
-        self._turned_part = _RolledElectrodes(
-            sequel.query(frames), sequel.model, self.solved_skins
-        )
+        self._turned_part = _RolledElectrodes(sequel.query(frames), sequel.model, self.solved_skins)
 
     def voltage(
         self, coordinates: np.ndarray, settings: list[Setting], accuracy: str | None = None
