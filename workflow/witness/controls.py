@@ -38,12 +38,12 @@ STRONG_SNR = (400.0, 1500.0)  # of each effect of a pair
 class Common:
     """What all presses share of an error. name: the effect that it is, None of the catalogue;
     parameters: its true values by the effect's keys, mm, N, 1 or s; own: rms over presses of the
-    mean error that the rig has beside it, in that unit, None of a delay; presses: their number;
-    snr: of the common part in the white noise."""
+    mean error that the rig has beside it, in that unit, of a delay over the rate at which place or
+    force change; presses: their number; snr: of the common part in the white noise."""
 
     name: str | None
     parameters: dict[str, float]
-    own: float | None
+    own: float
     presses: int
     snr: float
 
@@ -198,6 +198,12 @@ def _factor_error(states: pd.DataFrame, reported: pd.DataFrame) -> float:
     return float(np.sqrt(((mean[1] / mean[0] - 1.0) ** 2).mean()))
 
 
+def _rate(states: pd.DataFrame, keys: Sequence[str]) -> float:
+    """rms change a second of columns of the states, within presses."""
+    step = states.groupby("contact")[["time_s", *keys]].diff().dropna()
+    return float(np.sqrt((step[list(keys)].div(step["time_s"], axis=0).to_numpy() ** 2).mean()))
+
+
 def _towards_centre(case: Case, way_mm: float) -> pd.DataFrame:
     """The states with their places drawn in, so that each stays on the skin all that way."""
     states = case.true_states.copy()
@@ -255,21 +261,25 @@ def _pose_delay(rng: np.random.Generator, case: Case, amount: float) -> _Shift:
 @dataclass(frozen=True)
 class _Quantity:
     """What a common part is of. on: of which keys of `alien_errors.ON` the rig's own error is;
-    shift: makes a common part of an amount; error: the rig's own, of states and reported ones, None
-    where the amount is a delay; largest: amount, in its unit; of a factor its logarithm."""
+    shift: makes a common part of an amount; error: the rig's own, of states and reported ones;
+    largest: amount, in its unit; of a factor its logarithm; delayed: of a delay the columns of the
+    states that it delays."""
 
     on: tuple[str, ...]
     shift: Callable[[np.random.Generator, Case, float], _Shift]
-    error: Callable[[pd.DataFrame, pd.DataFrame], float] | None = None
+    error: Callable[[pd.DataFrame, pd.DataFrame], float]
     largest: float = np.inf
+    delayed: tuple[str, ...] = ()
 
 
 QUANTITIES = {
     "common-place": _Quantity(("place",), _place_shift, _place_error, 10.0),
     "common-force-zero": _Quantity(("force",), _zero_shift, _force_error, 3.0),
     "common-force-factor": _Quantity(("load-cell",), _factor_shift, _factor_error, 0.7),
-    "delay-force": _Quantity(("force", "load-cell"), _force_delay),
-    "delay-pose": _Quantity(("place",), _pose_delay),
+    "delay-force": _Quantity(
+        ("force", "load-cell"), _force_delay, _force_error, delayed=("force_N",)
+    ),
+    "delay-pose": _Quantity(("place",), _pose_delay, _place_error, delayed=("x_mm", "y_mm")),
 }
 
 
@@ -289,14 +299,16 @@ def _common(
     contrast of touches, without which a factor of the force means nothing."""
     case = cases.draw(kind, seed, names=[], generator=generator, levels=ALIEN_LEVELS)
     errors = _rig(rng, quantity.on)
-    if quantity.error is None:
-        own, amount = None, log_uniform(rng, *DELAYS_S)
+    own = quantity.error(case.true_states, alien_errors.reported(case.true_states, errors))
+    if quantity.delayed:
+        amount = log_uniform(rng, *DELAYS_S)
     else:
-        own = quantity.error(case.true_states, alien_errors.reported(case.true_states, errors))
         amount = own * log_uniform(rng, *COMMON)
         while amount > quantity.largest:
             amount = own * log_uniform(rng, *COMMON)
     shift = quantity.shift(rng, case, amount)
+    if quantity.delayed:
+        own /= _rate(shift.true, quantity.delayed)
     clean = case.world.readings(shift.true, shift.laws)
     snr = signature(clean, case.world.readings(shift.reported, []), case.noise_V)
     believed = replace(case.believed, contrast_per_N=case.true.contrast_per_N)

@@ -81,14 +81,8 @@ def test_states_that_are_put_right_are_those_of_the_skin(monkeypatch, kind):
     """Without noise and own errors: readings are those of the states that the truth says."""
     monkeypatch.setattr(controls, "ALIEN_LEVELS", (1e-9, 1e-9))
     monkeypatch.setattr(controls, "_rig", lambda rng, on: [])
-    if QUANTITIES[kind].error is not None:
-        monkeypatch.setitem(
-            controls.KINDS,
-            kind,
-            lambda *given: controls._common(  # a rig without errors has no scale
-                controls.replace(QUANTITIES[kind], error=lambda *states: 0.1), *given
-            ),
-        )
+    plain = controls.replace(QUANTITIES[kind], error=lambda *states: 0.1)  # a scale without errors
+    monkeypatch.setitem(controls.KINDS, kind, lambda *given: controls._common(plain, *given))
     control = draw(f"control:{kind}", SEED, "disc")
     frames, parameters = control.recorded.frames.copy(), control.common.parameters
     touched = frames["touch"].to_numpy(bool)
@@ -126,3 +120,13 @@ def test_a_pair_is_far_above_the_noise(drawn):
 def test_an_unknown_kind_is_refused(kind):
     with pytest.raises(InputError, match="controls: kind"):
         draw(kind, 1)
+
+
+def test_a_rig_s_own_error_of_a_delay_is_in_seconds(drawn):
+    for kind, keys in (("delay-pose", ["x_mm", "y_mm"]), ("delay-force", ["force_N"])):
+        control = drawn[kind]
+        frames, common = control.recorded.frames, control.common
+        assert 0.05 <= next(iter(common.parameters.values())) <= 0.5
+        step = frames.groupby("contact")[["time_s", *keys]].diff().dropna()
+        rate = np.median(np.abs(step[keys].to_numpy() / step[["time_s"]].to_numpy()))
+        assert 0.0 < common.own < 3.0 * FORMS[control.rig[0].kind].size * 3.0 / rate
