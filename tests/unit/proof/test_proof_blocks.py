@@ -175,10 +175,11 @@ def test_a_sort_of_block_has_tables_of_its_own():
         ("p-values-report", "skin"),
         ("queries-report", "query_trial"),
         ("owners-report", "owner_trial"),
+        ("controls-report", "control_trial"),
     ],
 )
 def test_every_kind_is_tried_as_its_sort_is(monkeypatch, block, how):
-    for name in ("trial", "skin", "query_trial", "owner_trial"):
+    for name in ("trial", "skin", "query_trial", "owner_trial", "control_trial"):
         monkeypatch.setattr(trial, name, lambda kind, seed, name=name: {"how": name})
     plan = trials(block, "quick")
     head = ("kind", "seed", "how")
