@@ -1,8 +1,13 @@
 """Which recordings an open block is made of: kinds and seeds, in blocks that share none; ordinary
 ones, those by rigs with errors in other forms and those of p-values record skins of the plain ones
-anew. Names of a sealed block's cases."""
+anew. Names of a sealed block's cases.
+
+A block is measured, for instance, by
+snakemake --cores 2 calibrate_diagnosis --config "calibration={block: controls-report, size: full}"
+"""
 
 from eitskin.errors import InputError
+from witness import controls
 from witness.outside import OUTSIDE
 from witness.owned import KINDS
 from witness.strengths import DRAWN
@@ -23,6 +28,8 @@ FIRST_SEED = {
     "queries-report": 800_001,
     "owners-development": 1,
     "owners-report": 600_001,
+    "controls-development": 1,
+    "controls-report": 500_001,
 }
 SIZES = {
     "quick": {"null": 60, "single": 4, "pair": 24, "triple": 16, "outside": 36},
@@ -54,12 +61,41 @@ OWNER_SIZES = {  # kinds of `owned.draw`; 40 in all
         "beliefs": 4,
     },
 }
+CONTROL_SIZES = {  # kinds of `controls.draw`
+    "quick": {
+        **dict.fromkeys((f"white-{percent}" for percent in controls.WHITE_PERCENT), 2),
+        "single-frame": 10,
+        "averaged-frames": 10,
+        "unlabelled-white": 3,
+        "unlabelled-alien": 3,
+        "common-place": 6,
+        "common-force-zero": 3,
+        "common-force-factor": 3,
+        "delay-force": 3,
+        "delay-pose": 3,
+        "strong-pair": 4,
+    },
+    "full": {
+        **dict.fromkeys((f"white-{percent}" for percent in controls.WHITE_PERCENT), 40),
+        "single-frame": 100,
+        "averaged-frames": 100,
+        "unlabelled-white": 20,
+        "unlabelled-alien": 20,
+        "common-place": 60,
+        "common-force-zero": 30,
+        "common-force-factor": 30,
+        "delay-force": 30,
+        "delay-pose": 30,
+        "strong-pair": 40,
+    },
+}
 BATCH = 8  # recordings a job: some ten minutes
 TABLES = {  # by sort
     "diagnoses": ("summary", "effects", "confusion", "other_calibration", "rig", "rig_sizes"),
     "p-values": ("summary", "p_values"),
     "queries": ("summary", "queries"),
     "owners": ("summary", "owners"),
+    "controls": ("summary", "controls"),
 }
 Trial = tuple[str, int]  # kind and seed
 
@@ -67,7 +103,7 @@ Trial = tuple[str, int]  # kind and seed
 def sort_of(block: str) -> str:
     """What a block is of, a key of TABLES: recordings that are diagnosed and judged; skins with
     nothing left out, recorded again and again; queries that are compared before and after; what
-    owners have, checked and diagnosed."""
+    owners have, checked and diagnosed; controls, of which one thing is judged each."""
     return next((sort for sort in TABLES if block.startswith(f"{sort}-")), "diagnoses")
 
 
@@ -84,7 +120,8 @@ def trials(block: str, size: str) -> list[Trial]:
     by rigs with errors in forms that nobody modelled, those of the block alien-sealed with sealed
     ones, on which nobody tunes; with
     p-values- before it, skins, of kind "skin", for `nulls.trial`; with queries-, recordings of any
-    sort, of kinds that `queries.draw` knows; with owners-, of kinds that `owned.draw` does. size: a
+    sort, of kinds that `queries.draw` knows; with owners-, of kinds that `owned.draw` does; with
+    controls-, of those of `controls.draw`. size: a
     key of SIZES: numbers of recordings, of "single" for each name that the witness can draw; those
     of "outside" are spread over its laws. Every stretch holds about the same mixture. A smaller
     size is part of the larger. Raises InputError for an unknown block or size.
@@ -99,6 +136,9 @@ def trials(block: str, size: str) -> list[Trial]:
         return _mixed(_each({f"query:{kind}": n for kind, n in QUERY_SIZES[size].items()}, start))
     if sort_of(block) == "owners":
         return _mixed(_each({f"owner:{kind}": n for kind, n in OWNER_SIZES[size].items()}, start))
+    if sort_of(block) == "controls":
+        numbers = CONTROL_SIZES[size]
+        return _mixed(_each({f"control:{kind}": n for kind, n in numbers.items()}, start))
     if block.startswith("ordinary-"):
         return [(f"{kind}+rig", seed) for kind, seed in _drawn(ORDINARY_SIZES[size], start)]
     if block.startswith("alien-"):

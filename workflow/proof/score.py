@@ -16,7 +16,7 @@ import pandas as pd
 from eitskin.atomic import atomic_path
 from eitskin.diagnose.verdict.words import last_scores
 from eitskin.effects import EFFECTS
-from proof import measures, p_value_score, prediction_score, rig_sizes
+from proof import control_score, measures, p_value_score, prediction_score, rig_sizes
 from proof.blocks import sort_of, trials
 from proof.claims import Rows, share_of, summary, where
 from proof.intervals import interval_of, share
@@ -202,6 +202,7 @@ SCORED: dict[str, Callable[[Rows], tuple[dict[str, pd.DataFrame], str]]] = {
     "p-values": p_value_score.scored,
     "queries": partial(prediction_score.scored, "queries"),
     "owners": partial(prediction_score.scored, "owners"),
+    "controls": control_score.scored,
 }
 
 

@@ -27,6 +27,7 @@ from proof.drawing import draw
 from proof.intervals import band_numbers, rms
 from proof.queries import QueryCase, check_findings
 from witness.cases import Case
+from witness.controls import Control
 
 CATALOGUE = [*modules(catalogue_names()), *importers.modules()]
 CODE = fingerprint("trials", CATALOGUE)[:12]  # of this process
@@ -123,6 +124,32 @@ def owner_trial(kind: str, seed: int) -> dict:
     return row | _compared(case)
 
 
+def control_trial(kind: str, seed: int) -> dict:
+    """Draw a control, check and diagnose it as `eitskin diagnose` does, and set what is said beside
+    the truth. Raises InputError where the check calls it unusable."""
+    control: Control = draw(kind, seed)
+    checked = check.check(control.recorded)
+    if not checked.ok:
+        finding, *_ = checked.of_severity(check.ERROR)
+        raise InputError(kind, finding.topic, finding.sentence, "a usable recording")
+    diagnosed, seconds = ledger.timed(partial(parts.diagnose, control.recorded))
+    return {
+        **seconds,
+        "level": control.level,
+        "generator": control.generator,
+        "truth": control.effects,
+        "scopes": control.scopes,
+        "snr": control.snr,
+        "outside": None,
+        "rig": [{"kind": error.kind, "size": error.size} for error in control.rig],
+        "averaged": control.averaged,
+        "common": control.common and asdict(control.common),
+        "unlabelled": [asdict(stretch) for stretch in control.unlabelled],
+        "true_gaps": refit.true_gaps(diagnosed, control.effects, control.scopes),
+        "said": conclusion.document(diagnosed, f"{kind} {seed}"),
+    }
+
+
 def _compared(case: QueryCase) -> dict:
     """A recording diagnosed alone, and what is predicted of its query beside its readings; or the
     text with which it is `refused`."""
@@ -152,6 +179,7 @@ def row(kind: str, seed: int) -> dict:
         "skin": skin,
         "query": query_trial,
         "owner": owner_trial,
+        "control": control_trial,
     }
     trial_row = sorts.get(kind.partition(":")[0], trial)
     return {"kind": kind, "seed": seed, "code": CODE, **trial_row(kind, seed)}

@@ -327,6 +327,8 @@ def draw(
     names: list[str] | None = None,
     blinding: Blinding | None = None,
     share: float | None = None,
+    levels: tuple[float, float] | None = None,
+    snr: tuple[float, float] | None = None,
 ) -> Case:
     """One case. kind: null, single:<name>, pair, triple or outside:<law>; or any word, where the
     `names` of its effects are given; with +rig, the same case recorded by a rig with errors, or
@@ -339,21 +341,24 @@ def draw(
     0.03 % to 2 % of the median |v|. SNR 10 to 60 for single effects, 15 to 80 in sets, 20 to 100
     outside the catalogue; where no physical strength reaches it, the noise is reduced, to no less
     than 0.03 % or the generator's least. share: of the largest physical strengths, in place of an
-    SNR. Raises InputError for an unknown kind, one that the generator cannot solve, or a `share` of
-    a strength that is drawn.
+    SNR; levels, snr: other ranges of the noise over the median |v| and of the SNR. Raises
+    InputError for an unknown kind, one that the generator cannot solve, or a `share` of a strength
+    that is drawn.
     """
     full_kind, (kind, _, rig) = kind, kind.partition("+")
     rng = np.random.default_rng([zlib.crc32(kind.encode()), seed])
     names, law = names_of(kind, rng, generator) if names is None else (names, None)
     word = rig.partition(":")[0]
-    levels = (LEAST_LEVEL, MOST_LEVEL) if blinding is None else blinding.levels
-    if word in ("alien", "sealed") and blinding is None and not names and law is None:
-        levels = ALIEN_LEVELS
+    if levels is None:
+        levels = (LEAST_LEVEL, MOST_LEVEL) if blinding is None else blinding.levels
+        if word in ("alien", "sealed") and blinding is None and not names and law is None:
+            levels = ALIEN_LEVELS
+    band = snr or (OUTSIDE_SNR if law else SINGLE_SNR if len(names) < 2 else SET_SNR)
     bench = _bench(rng, names, law, frames, blinding)
     searched = generator if law in outside.OUTSIDE_SOLID else "boundary"
     shown = _Shown(bench.world(searched), bench.states)
     floor = max(levels[0], GENERATORS[generator].least_level)
-    concealed = _concealed(rng, bench, shown, _Goal(names, law, share), levels, floor)
+    concealed = _concealed(rng, bench, shown, _Goal(names, law, share, band), levels, floor)
     clean = _noiseless(bench, shown, concealed, generator)
     stream = f"{kind}+{word or 'rig'}".encode()
     errors = _rig_errors(rig, np.random.default_rng([zlib.crc32(stream), seed]))
@@ -413,11 +418,12 @@ def _kept_clear(
 @dataclass(frozen=True)
 class _Goal:
     """What a case is to conceal: effects by `names`, or a `law` outside the catalogue; share: as in
-    `draw`."""
+    `draw`; band: the range of the SNR."""
 
     names: list[str]
     law: str | None
     share: float | None
+    band: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -458,8 +464,7 @@ def _concealed(
     noise = level * ((1.0 - mixed) * median + mixed * np.abs(board_readings[0]))
     hidden = None if law is None else _outside(rng, law, bench, plain[0])
     makers = _makers(strength_list, law, hidden, share)
-    band = OUTSIDE_SNR if law else SINGLE_SNR if len(names) < 2 else SET_SNR
-    low, high = np.log(band)
+    low, high = np.log(goal.band)
     target_snr = np.exp(rng.uniform(low, high, len(makers)))
     if share is not None:
         target_snr[:] = UNREACHABLE_SNR

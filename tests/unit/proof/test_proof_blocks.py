@@ -8,6 +8,7 @@ from eitskin.errors import InputError
 from proof import drawing, trial
 from proof.blocks import (
     ALIEN_SIZES,
+    CONTROL_SIZES,
     FIRST_SEED,
     OWNER_SIZES,
     P_VALUE_SIZES,
@@ -20,7 +21,7 @@ from proof.blocks import (
     tables,
     trials,
 )
-from witness import owned
+from witness import controls, owned
 from witness.cases import names_of
 from witness.generators import GENERATORS
 from witness.outside import OUTSIDE
@@ -138,6 +139,19 @@ def test_owners_recordings_are_of_every_kind(size, number):
     assert not {s for _, s in plan} & {s for _, s in trials("owners-development", size)}
 
 
+@pytest.mark.parametrize(("size", "number"), [("quick", 58), ("full", 660)])
+def test_controls_are_of_every_kind_by_two_solvers_in_turn(size, number):
+    plan = trials("controls-report", size)
+    assert len(set(plan)) == len(plan) == number
+    assert Counter(kind for kind, _ in plan) == {
+        f"control:{kind}": count for kind, count in CONTROL_SIZES[size].items()
+    }
+    assert set(CONTROL_SIZES[size]) == set(controls.KINDS)
+    assert not {s for _, s in plan} & {s for _, s in trials("controls-development", size)}
+    whites = Counter(drawing.generator(*one) for one in plan if "white-" in one[0])
+    assert whites == dict.fromkeys(("boundary", "disc"), whites.total() / 2)
+
+
 @pytest.mark.parametrize("block", FIRST_SEED)
 def test_a_smaller_size_is_part_of_the_larger(block):
     assert set(trials(block, "quick")) <= set(trials(block, "full"))
@@ -150,6 +164,7 @@ def test_a_sort_of_block_has_tables_of_its_own():
     assert tables("p-values-report") == ("summary", "p_values")
     assert tables("queries-report") == ("summary", "queries")
     assert tables("owners-report") == ("summary", "owners")
+    assert tables("controls-report") == ("summary", "controls")
 
 
 @pytest.mark.parametrize(
@@ -160,10 +175,11 @@ def test_a_sort_of_block_has_tables_of_its_own():
         ("p-values-report", "skin"),
         ("queries-report", "query_trial"),
         ("owners-report", "owner_trial"),
+        ("controls-report", "control_trial"),
     ],
 )
 def test_every_kind_is_tried_as_its_sort_is(monkeypatch, block, how):
-    for name in ("trial", "skin", "query_trial", "owner_trial"):
+    for name in ("trial", "skin", "query_trial", "owner_trial", "control_trial"):
         monkeypatch.setattr(trial, name, lambda kind, seed, name=name: {"how": name})
     plan = trials(block, "quick")
     head = ("kind", "seed", "how")
