@@ -14,7 +14,7 @@ from eitskin.atomic import atomic_path
 from eitskin.data import parquet
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry
-from eitskin.physics.skin import Skin, is_number
+from eitskin.physics.skin import MAX_ELECTRODES, Skin, is_number
 
 SCHEMA_KEY = b"eit"
 COLUMNS = {
@@ -64,7 +64,6 @@ CHOICES = {
 ABSOLUTE_ZERO_C = -273.15
 ONE_PLACE_MM = 1.0  # positions within this are one place: a robot repeats to 0.1 mm
 ONE_PRESS_MM = 10.0  # largest scatter of the positions of one press
-MAX_ELECTRODES = 1024  # where a file does not state them: no EIT device has more
 CLOCK_ROUNDING = 1e-6  # relative, of times that were written as decimals
 
 

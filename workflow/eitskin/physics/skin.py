@@ -16,6 +16,8 @@ POSITIVE = (
     "electrode_z_mm",
 )
 NOT_NEGATIVE = ("electrode_width_mm", "contact_impedivity_ohm_m2")
+MAX_ELECTRODES = 1024  # no EIT device has more
+ONE_EACH = f"one an electrode, at most {MAX_ELECTRODES}"
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,8 @@ class Skin:
                     raise InputError(file, f"skin.{key}", repr(value), "a list of angles")
                 if not value:
                     raise InputError(file, f"skin.{key}", "no angle", "one an electrode, or null")
+                if len(value) > MAX_ELECTRODES:
+                    raise InputError(file, f"skin.{key}", f"{len(value)} angles", ONE_EACH)
                 if len({round(angle % 360.0, 9) for angle in value}) < len(value):
                     raise InputError(file, f"skin.{key}", "two equal angles", "one an electrode")
                 value = tuple(float(angle) for angle in value)
@@ -89,6 +93,8 @@ def _checked_shape(file: str, key: str, value: Any) -> str | tuple[tuple[float, 
         word = "a word for the shape, or " if key == "outline" else ""
         expected = f"{word}places [x, y] in mm, {least_places} or more"
         raise InputError(file, f"skin.{key}", repr(value)[:80], expected)
+    if key == "electrode_xy_mm" and len(value) > MAX_ELECTRODES:
+        raise InputError(file, f"skin.{key}", f"{len(value)} places", ONE_EACH)
     return tuple((float(x), float(y)) for x, y in value)
 
 

@@ -52,6 +52,7 @@ class View:
             self._print("")
 
     def _line(self, line: str) -> None:
+        line = plain(line)
         if not self._terminal:
             self._print(line)
             return
@@ -60,7 +61,7 @@ class View:
         self._width = len(line)
 
     def _print(self, text: str) -> None:
-        self._stream.write(text + "\n")
+        self._stream.write(plain(text) + "\n")
         self._stream.flush()
 
 
@@ -78,7 +79,7 @@ def text(targets: list[str], frame: Frame, verdict: Verdict) -> str:
         parts.append(f"without electrode {' and '.join(map(str, verdict.lost_electrodes))}")
     if verdict.n_missing and not verdict.reason:
         parts.append(f"{verdict.n_missing} readings left out")
-    return plain(" · ".join(parts))
+    return " · ".join(parts)
 
 
 def as_json(targets: list[str], frame: Frame, verdict: Verdict) -> dict:
