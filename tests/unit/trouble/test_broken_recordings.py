@@ -382,6 +382,11 @@ OWN = [
         "skin.parquet | column voltage_V, row 1 | null | NaN if lost",
     ),
     Broken(
+        "a reading whose square is infinite",
+        reading(3, 1e200),
+        "skin.parquet | column voltage_V, row 3 | 1e+200 in channel 0 | finite, 1e+50 at most",
+    ),
+    Broken(
         "an infinite reading",
         reading(3, np.inf),
         "skin.parquet | column voltage_V, row 3 | inf in channel 0 | finite",

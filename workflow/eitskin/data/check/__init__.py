@@ -9,6 +9,7 @@ that no passive skin gives, readings that never change.
 from pathlib import Path
 
 from eitskin.atomic import atomic_path
+from eitskin.data import subset
 from eitskin.data.check import sentences, suspicions
 from eitskin.data.check.finding import ERROR, FACT, UNOBSERVABLE, WARNING, Check
 from eitskin.data.recording import Recording
@@ -36,18 +37,28 @@ EXAMINATIONS = (  # of a recording with readings
     sentences.unobservable,
 )
 
+ON_ALL_FRAMES = (  # of a recording of any length; others look at a sample of a long one
+    suspicions.constant_frames,
+    suspicions.unlabelled_touches,
+    suspicions.steps_in_time,
+    sentences.lost_readings,
+    sentences.unobservable,
+)
+
 
 def check(recording: Recording, progress: bool = False) -> Check:
     """All findings about a valid recording or query; `progress` shows a bar on stderr."""
     findings = sentences.contents(recording) + sentences.skin(recording)
     findings += sentences.outline(recording) + sentences.repeated_channels(recording)
-    findings += suspicions.units(recording)
+    sampled = subset.sample(recording)
+    findings += suspicions.units(sampled)
     if recording.voltage is not None:
         dead_findings = sentences.dead_channels(recording)
         if dead_findings:
             return Check((*findings, *dead_findings))
+        findings += sentences.sampled_frames(recording, sampled)
         for examine in patient(EXAMINATIONS, "checking", progress):
-            findings += examine(recording)
+            findings += examine(recording if examine in ON_ALL_FRAMES else sampled)
     return Check(tuple(findings))
 
 
