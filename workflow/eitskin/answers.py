@@ -3,11 +3,10 @@
 import json
 import math
 import os
-import sys
 from pathlib import Path
 
 from eitskin.data.check import Check
-from eitskin.errors import InputError
+from eitskin.errors import UNPRINTABLE, InputError
 
 VERSION = 1
 
@@ -40,7 +39,7 @@ def refusal(error: InputError) -> dict:
         "version": VERSION,
         "file": str(error.file),
         "place": error.place,
-        "found": str(error.actual),
+        "found": error.actual,
         "expected": error.expected,
     }
 
@@ -48,8 +47,15 @@ def refusal(error: InputError) -> dict:
 def write(document: dict, in_a_line: bool = False) -> None:
     """Print one document on stdout."""
     indent = None if in_a_line else 2
-    json.dump(document, sys.stdout, indent=indent, ensure_ascii=False, allow_nan=False)
-    print(flush=True)
+    text = json.dumps(document, indent=indent, ensure_ascii=False, allow_nan=False)
+    print(plain_json(text), flush=True)
+
+
+def plain_json(text: str) -> str:
+    """JSON, and in place of what a terminal obeys JSON's escape of it."""
+    return UNPRINTABLE.sub(
+        lambda mark: mark[0] if mark[0] == "\n" else f"\\u{ord(mark[0]):04x}", text
+    )
 
 
 def name(file: str) -> str:

@@ -21,7 +21,7 @@ from eitskin.capture import cli as rig
 from eitskin.data import check, importers, recording, stated, subset
 from eitskin.data.recording import Recording
 from eitskin.diagnose.fitting.excerpt import LIMIT_GIB
-from eitskin.errors import InputError, named, refused
+from eitskin.errors import InputError, named, printable, refused
 from eitskin.physics.outline import EXPECTED, no_disc
 from eitskin.quantities import listed, plain
 from eitskin.stream import cli as streaming
@@ -90,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         parsed, unknown = _parser().parse_known_args(arguments)
         if unknown:
-            parsed.usage.error(f"unrecognized arguments: {' '.join(unknown)}")
+            parsed.usage.error(printable(f"unrecognized arguments: {' '.join(unknown)}"))
         # Products are small: shared out among cores by BLAS they take twice as long.
         with threadpool_limits(limits=1, user_api="blas"):
             code = parsed.run(parsed)
@@ -300,7 +300,7 @@ def _checked(
 
 
 def _say(text: str, stream: TextIO | None = None) -> None:
-    """Print sentences, by default on stdout, with plain spaces."""
+    """Print sentences or a path, by default on stdout, as `plain` has them."""
     print(plain(text), file=stream, flush=True)
 
 
@@ -334,11 +334,9 @@ def _print_step_commands(checked: check.Check, count: int, arguments: argparse.N
     if stretches:
         sentence = "A report of the longest part without a step:"
         parts = [(start + first, start + last + 1) for first, last in stretches]
-    print(sentence, flush=True)
+    _say(sentence)
     for first_frame, end_frame in parts:
-        print(
-            f"  {shlex.join([*command, '--frames', f'{first_frame}:{end_frame - 1}'])}", flush=True
-        )
+        _say(f"  {shlex.join([*command, '--frames', f'{first_frame}:{end_frame - 1}'])}")
 
 
 def _print_before(checked: check.Check, count: int, arguments: argparse.Namespace) -> None:
@@ -397,7 +395,7 @@ def _import(arguments: argparse.Namespace) -> int:
         *full_check.of_severity(check.ERROR),
     ):
         _say(f"{finding.topic}: {finding.sentence}")
-    print(arguments.out)
+    _say(arguments.out)
     return 0
 
 
@@ -405,7 +403,7 @@ def _diagnose(arguments: argparse.Namespace) -> int:
     # seconds, which other commands spare
     from eitskin.diagnose import files, parts
     from eitskin.diagnose.fitting import memory
-    from eitskin.diagnose.report import page
+    from eitskin.diagnose.report import evidence, page
     from eitskin.diagnose.search import starting_point
     from eitskin.diagnose.verdict import words
     from eitskin.diagnose.verdict.record import read_query, record
@@ -432,7 +430,7 @@ def _diagnose(arguments: argparse.Namespace) -> int:
     with contextlib.redirect_stdout(sys.stderr if arguments.json else sys.stdout):
         _print_before(full_check, len(recorded.frames), arguments)
     with held_folder(folder_path) as folder, named(arguments.file):
-        _forget(answer)
+        _forget((*answer, *evidence.file_paths(folder), *page.figure_paths(report)))
         source = folder / "recording.parquet"
         recording.write(recorded, source)
         diagnosis = parts.diagnose(
@@ -456,7 +454,7 @@ def _diagnose(arguments: argparse.Namespace) -> int:
     if arguments.json:
         answers.write(document | {"report": str(report)})
     else:
-        print(report)
+        _say(str(report))
     return 0
 
 
@@ -475,7 +473,8 @@ def _explain(arguments: argparse.Namespace) -> int:
 
 
 def _forget(answer: Sequence[Path]) -> None:
-    """Remove an earlier run's answer: a refused or interrupted run has none."""
+    """Remove what an earlier run wrote: a refused or interrupted run has no answer, and beside a
+    new recording lies nothing of another one."""
     for earlier in answer:
         earlier.unlink(missing_ok=True)
 
@@ -521,7 +520,7 @@ def _compare(arguments: argparse.Namespace) -> int:
         answers.write(document | {"report": str(report)})
     else:
         _say("\n".join(document["sentences"]))
-        print(report)
+        _say(str(report))
     return 0
 
 

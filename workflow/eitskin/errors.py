@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import re
 import sys
 import traceback
 from collections.abc import Iterator
@@ -14,22 +15,42 @@ from types import ModuleType
 UNFINISHED = (AttributeError, ImportError, LookupError, NameError, TypeError, ValueError)
 # Values of InputError.file that are no file: code that was given none uses them.
 UNNAMED = ("recording", "skin", "states", "touch", "protocol", "patch", "effects")
+QUOTED, EXPLAINED = 300, 1500  # characters of a place or an actual value, and of an expected one
+# What a terminal obeys or reorders, and what no encoding has: control characters, line and
+# paragraph ends, marks of direction, halves of surrogate pairs.
+UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 
 
 class InputError(Exception):
     """Unusable input, reported in one line: file, place, the actual and the expected value.
 
-    Notes (`add_note`) give details; they appear in a job's log, not in the line.
+    What comes from a file may be of any length and hold anything: it is quoted in QUOTED
+    characters, and without what a terminal would obey. Notes (`add_note`) give details; they
+    appear in a job's log, not in the line.
     """
 
     def __init__(self, file: str | Path, place: str, actual: object, expected: str):
-        super().__init__(f"{file}: {place}: found {actual}, expected {expected}")
-        self.file, self.place, self.actual, self.expected = file, place, actual, expected
+        self.file, self.place = file, _quoted(place, QUOTED)
+        self.actual, self.expected = _quoted(actual, QUOTED), _quoted(expected, EXPLAINED)
+        line = f"{self.place}: found {self.actual}, expected {self.expected}"
+        super().__init__(f"{printable(str(file))}: {line}")
 
     def __reduce__(self) -> tuple:
         """Pickled by its four arguments and its notes."""
         arguments = self.file, self.place, self.actual, self.expected
         return type(self), arguments, vars(self)
+
+
+def printable(text: str) -> str:
+    """The text with UNPRINTABLE characters as Python writes them: \\x1b, \\n."""
+    return UNPRINTABLE.sub(lambda mark: mark[0].encode("unicode_escape").decode(), text)
+
+
+def _quoted(value: object, limit: int) -> str:
+    """A value as printable text; of one of more than `limit` characters the beginning, and how
+    many it has."""
+    text = printable(str(value))
+    return text if len(text) <= limit else f"{text[: limit - 30]}… ({len(text)} characters)"
 
 
 def refused(

@@ -7,6 +7,8 @@ from typing import TypeVar
 
 from tqdm import tqdm
 
+from eitskin.errors import printable
+
 QUIET_S = 5.0  # before a bar appears
 LINE_S = 30.0  # from one line of a log to the next
 
@@ -18,6 +20,7 @@ def patient(items: Iterable[Item], doing: str, shown: bool = True) -> Iterable[I
     after QUIET_S, in a log by a line every LINE_S."""
     if not shown:
         return items
+    doing = printable(doing)
     total = len(items) if isinstance(items, Sized) else None
     if sys.stderr.isatty():
         return tqdm(items, doing, total, leave=False, delay=QUIET_S, mininterval=1.0)

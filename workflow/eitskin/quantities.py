@@ -5,6 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from eitskin.errors import printable
+
 MINUS, NONE = "\N{MINUS SIGN}", "\N{EN DASH}"
 NO_BREAK = "\N{NO-BREAK SPACE}"
 PREFIXED = ("V", "S", "S/N", "A", "Ω")
@@ -86,8 +88,8 @@ def written_alike(a: float, b: float, span: float) -> bool:
 
 
 def plain(text: str) -> str:
-    """The text with plain spaces alone, for terminals and grep."""
-    return text.replace(NO_BREAK, " ")
+    """Lines for terminals and grep: with plain spaces alone, and nothing that a terminal obeys."""
+    return "\n".join(map(printable, text.replace(NO_BREAK, " ").split("\n")))
 
 
 def listed(items: Sequence[object]) -> str:

@@ -1,5 +1,6 @@
 """What `check` suspects of units and device: each where it is planted, none where it is not."""
 
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from eitskin.data import check, importers
+from eitskin.data import check, importers, subset
 from eitskin.data.alignment import homogeneous_readings
 from eitskin.data.check import (
     ERROR,
@@ -433,3 +434,32 @@ def test_coloured_noise_walks_and_drift_are_no_steps(make_recording, seed, rho, 
     drift = 1.0 + np.linspace(0, 0.02, length)[:, None] * draw.standard_normal(width)
     recording.voltage = shape * gain[:, None] * drift + 1e-3 * np.median(np.abs(shape)) * noise
     assert not steps(recording)
+
+
+# --- long recordings ---
+
+
+def test_a_long_recording_has_the_steps_of_its_parts(make_recording, monkeypatch):
+    recording = make_recording(presses=400)
+    count = len(recording.frames)
+    for frame in (count // 2, count - 300):
+        recording = with_step(recording, frame, 60.0, np.arange(208), 0)
+    whole = [(step.frame, step.between) for step in steps(recording)]
+    monkeypatch.setattr(subset, "BLOCK_BYTES", 0)
+    assert len(list(subset.blocks(recording))) > 2
+    answered = [row for _, rows, _ in subset.blocks(recording) for row in rows]
+    assert answered == [*range(count)]
+    assert [(step.frame, step.between) for step in steps(recording)] == whole and len(whole) == 2
+
+
+def test_a_check_takes_little_more_memory_than_the_readings(make_recording, monkeypatch):
+    monkeypatch.setattr(subset, "BLOCK_BYTES", 0)
+    short, long = (make_recording(presses=presses) for presses in (200, 800))
+    peaks = []
+    for recording in (short, long):
+        tracemalloc.start()
+        checked = check.check(recording)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        assert checked.ok and not checked.of_topic("step") and checked.of_topic("sample")
+    assert peaks[1] - peaks[0] < long.voltage.nbytes - short.voltage.nbytes

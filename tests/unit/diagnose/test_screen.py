@@ -35,14 +35,14 @@ def tangents():
     return Tangents(calibrated(PROBLEM))
 
 
-def test_a_tone_is_not_sought_in_few_frames_and_without_their_duration(tangents):
+def test_a_tone_is_not_sought_in_few_frames_or_one_channel_and_without_their_duration(tangents):
     tone = next(c for c in CATALOGUE if c.effect.tone)
     frames = np.arange(len(PROBLEM.readings))
 
-    def scored(count, frame_s=PROBLEM.model.frame_s):
+    def scored(count, frame_s=PROBLEM.model.frame_s, channels=PROBLEM.model.channels):
         mask = PROBLEM.whitening.mask & (frames < count)[:, None]
         model = copy(PROBLEM.model)
-        model.frame_s = frame_s
+        model.frame_s, model.channels = frame_s, channels
         few = copy(tangents)
         few.problem = replace(PROBLEM, model=model, whitening=replace(PROBLEM.whitening, mask=mask))
         return tones.score(few, tone.effect, tone.skin, SCALES)
@@ -50,6 +50,7 @@ def test_a_tone_is_not_sought_in_few_frames_and_without_their_duration(tangents)
     assert len(frames) > tones.LEAST_FRAMES and scored(len(frames)) is not None
     assert scored(tones.LEAST_FRAMES - 1) is None
     assert scored(len(frames), None) is None
+    assert scored(len(frames), channels=PROBLEM.model.channels[:1]) is None
 
 
 @pytest.fixture(scope="module")

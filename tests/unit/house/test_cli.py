@@ -11,6 +11,7 @@ from eitskin import cli
 from eitskin.data import recording
 from eitskin.data.channel_order import known_orders
 from eitskin.data.check import check, text
+from eitskin.diagnose import parts
 from small_skin import small_recording, voltage
 
 
@@ -77,7 +78,7 @@ def test_the_module_runs_as_a_command(path):
     assert "no such file" in run.stderr and "Traceback" not in run.stderr
 
 
-def test_diagnose_writes_everything_and_says_what_it_found(tmp_path, capsys):
+def test_diagnose_writes_everything_and_says_what_it_found(tmp_path, monkeypatch, capsys):
     recorded = small_recording(
         {"name": "measurement-gain", "measures": [2], "parameters": {"gain": 1.05}}, places=1
     )
@@ -87,6 +88,24 @@ def test_diagnose_writes_everything_and_says_what_it_found(tmp_path, capsys):
     asked.voltage = None
     recording.write(asked, query)
     command = ["diagnose", str(source), "--query", str(query), "--out", str(out)]
+    of_another = [
+        out / "effects.yaml",
+        out / "evidence" / "search.csv",
+        out / "figures" / "last.svg",
+    ]
+    mine = out / "figures" / "mine.svg"
+    for file in (*of_another, mine):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text("of another recording", encoding="utf-8")
+
+    def interrupt(*arguments, **settings):
+        assert (out / "recording.parquet").is_file() and mine.is_file()
+        assert not any(file.exists() for file in of_another)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(parts, "diagnose", interrupt)
+        assert cli.main(command) == cli.INTERRUPTED
     assert cli.main(command) == 0
     printed = capsys.readouterr()
     found = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))

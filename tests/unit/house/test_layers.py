@@ -11,7 +11,8 @@ from eitskin.effects import EFFECTS
 
 HOUSE = Path(__file__).parents[3] / "workflow"
 FLOORS = (  # from the ground up; what stands on one floor does not know each other
-    {"errors", "plotting", "progress", "quantities"},
+    {"errors", "plotting"},
+    {"progress", "quantities"},
     {"atomic", "cores", "fingerprint", "text_file"},
     {"figure_files", "pins", "physics"},
     {"schema", "effects"},

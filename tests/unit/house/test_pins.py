@@ -1,7 +1,10 @@
 """One set of pins: pyproject.toml, the conda environments and the lock agree."""
 
+import ast
 import re
+import sys
 import tomllib
+from importlib.metadata import packages_distributions
 
 import pytest
 
@@ -29,6 +32,19 @@ def test_every_pin_is_exact_and_in_the_lock():
     for pin in PINS:
         assert re.fullmatch(r"[A-Za-z0-9-]+==[0-9.]+", pin)
         assert re.sub(r"[-_.]+", "-", pin).lower() in normal
+
+
+def test_what_the_command_imports_is_declared():
+    files = (ROOT / "workflow" / "eitskin").rglob("*.py")
+    nodes = [node for file in files for node in ast.walk(ast.parse(file.read_text("utf-8")))]
+    names = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    names |= {node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module}
+    modules = {name.partition(".")[0] for name in names} - sys.stdlib_module_names
+    modules -= {"eitskin", "rtde_control", "rtde_receive"}  # ur-rtde does not say what it installs
+    declared = {re.sub(r"[-_.]+", "-", pin.partition("==")[0]).lower() for pin in PINS}
+    for module in modules:
+        packages = packages_distributions()[module]
+        assert {re.sub(r"[-_.]+", "-", name).lower() for name in packages} & declared, module
 
 
 def test_the_lock_is_portable():

@@ -15,6 +15,12 @@ from eitskin.data import recording
 
 HERE = Path()
 
+ALIASED = [f"&a{k} [{', '.join([f'*a{k - 1}'] * 10)}]" for k in range(1, 10)]
+BOMB = f"[&a0 [x], {', '.join(ALIASED)}]"
+MERGED_BOMB = "m0: &m0 {x: 1}\n" + "".join(
+    f"m{k}: &m{k} {{<<: [{', '.join([f'*m{k - 1}'] * 10)}]}}\n" for k in range(1, 10)
+)
+
 
 def check(path: Path, *words: str) -> list[str]:
     return ["check", str(path), *words]
@@ -376,6 +382,11 @@ OWN = [
         "skin.parquet | column voltage_V, row 1 | null | NaN if lost",
     ),
     Broken(
+        "a reading whose square is infinite",
+        reading(3, 1e200),
+        "skin.parquet | column voltage_V, row 3 | 1e+200 in channel 0 | finite, 1e+50 at most",
+    ),
+    Broken(
         "an infinite reading",
         reading(3, np.inf),
         "skin.parquet | column voltage_V, row 3 | inf in channel 0 | finite",
@@ -631,7 +642,42 @@ MATRIX = [
     Broken(
         "three electrodes",
         described_as("electrodes: 8", "electrodes: 3"),
-        "frames.yaml | key electrodes | 3 | 4 or more",
+        "frames.yaml | key electrodes | 3 | 4 to 1024",
+    ),
+    Broken(
+        "twenty thousand electrodes",
+        described_as("electrodes: 8", "electrodes: 20000"),
+        "frames.yaml | key electrodes | 20000 | 4 to 1024",
+    ),
+    Broken(
+        "aliases that stand for 10^9 values",
+        described_as("electrodes: 8", f"electrodes: {BOMB}"),
+        "frames.yaml | line 1 | aliases that stand for more than | written out",
+    ),
+    Broken(
+        "merged mappings that stand for 10^9 keys",
+        described(MERGED_BOMB),
+        "frames.yaml | line 7 | aliases that stand for more than | written out",
+    ),
+    Broken(
+        "a list within itself",
+        described("electrodes: &a [*a]\n"),
+        "frames.yaml | line 1 | values within values without end | at most 100",
+    ),
+    Broken(
+        "a tag that the value contradicts",
+        described("electrodes: !!bool eight\n"),
+        "frames.yaml | file | a value that its tag does not allow | YAML",
+    ),
+    Broken(
+        "half a surrogate pair",
+        described('source: "\\ud800"\n'),
+        "frames.yaml | line 1 | half a character | text in UTF-8",
+    ),
+    Broken(
+        "a key that a terminal obeys",
+        stated('"\\e[2Jradius": 80.0\n'),
+        "skin.yaml | \\x1b[2Jradius | an unknown key | one of",
     ),
     Broken(
         "another number of electrodes",
@@ -681,7 +727,17 @@ MATRIX = [
     Broken(
         "a file of labels that is not there",
         described_as("{time_s: 0}", "absent.csv"),
-        "frames.yaml | key labels | no file 'absent.csv' | one beside it",
+        "frames.yaml | key labels | no file 'absent.csv' | a file beside it",
+    ),
+    Broken(
+        "a file of labels elsewhere",
+        described_as("{time_s: 0}", "../labels.csv"),
+        "frames.yaml | key labels | a path elsewhere, '../labels.csv' | a file beside it",
+    ),
+    Broken(
+        "a file of labels that is any file of the machine",
+        described_as("{time_s: 0}", "/etc/passwd"),
+        "frames.yaml | key labels | a path elsewhere, '/etc/passwd' | a file beside it",
     ),
     Broken(
         "a skin that is a number",
@@ -768,7 +824,22 @@ STATED = [
     Broken(
         "a radius of 5000 digits",
         stated(f"radius_mm: {'9' * 5000}\n"),
-        "skin.yaml | file | 4300 digits | YAML",
+        "skin.yaml | line 1 | a number of 5000 characters | at most 3500",
+    ),
+    Broken(
+        "a radius of 10^9 values",
+        stated(f"radius_mm: {BOMB}\n"),
+        "skin.yaml | line 1 | aliases that stand for more than | written out",
+    ),
+    Broken(
+        "more than 4 MiB of YAML",
+        stated("#" * (4 << 20) + "\nradius_mm: 80.0\n"),
+        "skin.yaml | file | more than 4 MiB | at most 4 MiB",
+    ),
+    Broken(
+        "angles of 2000 electrodes",
+        stated(f"electrode_deg: {[0.1 * k for k in range(2000)]}\n"),
+        "skin.yaml | electrode_deg | 2000 angles | at most 1024",
     ),
     Broken(
         "five angles for eight electrodes",

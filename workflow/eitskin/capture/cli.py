@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 from eitskin.capture import configuration
+from eitskin.quantities import plain
 
 NOT_READY = 2  # exit code of a check that refuses
 FOLDER = Path("captures")
@@ -38,7 +39,7 @@ def _check(arguments: argparse.Namespace) -> int:
 
     findings = preflight.check(configuration.read(arguments.config))
     for finding in findings:
-        print(f"{'ok ' if finding.ok else 'NOT'} {finding.name}: {finding.text}")
+        print(plain(f"{'ok ' if finding.ok else 'NOT'} {finding.name}: {finding.text}"))
     return 0 if all(finding.ok for finding in findings) else NOT_READY
 
 
@@ -57,7 +58,7 @@ def _capture(arguments: argparse.Namespace) -> int:
         (recording_path, recording_path.with_suffix(".manifest.json")),
     )
     if stopped is not None:
-        print(stopped, file=sys.stderr)
+        print(plain(str(stopped)), file=sys.stderr)
         return stopped.code
-    print(recording_path)
+    print(plain(str(recording_path)))
     return 0

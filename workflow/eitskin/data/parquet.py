@@ -14,6 +14,8 @@ import pyarrow.parquet as pq
 from eitskin.atomic import atomic_path
 from eitskin.errors import InputError
 
+BATCH_ROWS, BUFFER_BYTES = 4096, 1 << 20  # of readings, some megabytes; of a file, at once
+
 
 def frame(table: pa.Table, **options: Any) -> pd.DataFrame:
     """A table as a pandas data frame, converted by the calling thread; options of `to_pandas`."""
@@ -43,6 +45,13 @@ def groups(path: str | Path) -> Iterator[pa.Table]:
     with _opened(path) as file:
         for number in range(file.num_row_groups):
             yield file.read_row_group(number, use_threads=False)
+
+
+def batches(path: str | Path, column: str) -> Iterator[pa.Array]:
+    """A column of a Parquet file, BATCH_ROWS rows after another; raises InputError as `read`."""
+    with _opened(path) as file:
+        for batch in file.iter_batches(BATCH_ROWS, columns=[column], use_threads=False):
+            yield batch.column(0)
 
 
 def write_groups(path: str | Path, tables: Iterable[pa.Table], metadata: dict[bytes, str]) -> None:
@@ -85,7 +94,9 @@ def _opened(path: str | Path) -> Iterator[pq.ParquetFile]:
         # ParquetFile, not read_table: folders named like key=value add no columns.
         with (
             path.open("rb") as stream,
-            pq.ParquetFile(stream, page_checksum_verification=True, pre_buffer=False) as file,
+            pq.ParquetFile(
+                stream, page_checksum_verification=True, pre_buffer=False, buffer_size=BUFFER_BYTES
+            ) as file,
         ):
             yield file
     except (OSError, pa.ArrowException) as error:

@@ -14,7 +14,7 @@ from eitskin.atomic import atomic_path
 from eitskin.data import parquet
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry
-from eitskin.physics.skin import Skin, is_number
+from eitskin.physics.skin import LARGEST, MAX_ELECTRODES, Skin, is_number
 
 SCHEMA_KEY = b"eit"
 COLUMNS = {
@@ -64,7 +64,6 @@ CHOICES = {
 ABSOLUTE_ZERO_C = -273.15
 ONE_PLACE_MM = 1.0  # positions within this are one place: a robot repeats to 0.1 mm
 ONE_PRESS_MM = 10.0  # largest scatter of the positions of one press
-MAX_ELECTRODES = 1024  # where a file does not state them: no EIT device has more
 CLOCK_ROUNDING = 1e-6  # relative, of times that were written as decimals
 
 
@@ -190,14 +189,15 @@ def read(path: str | Path) -> Recording:
 
     Raises InputError naming file, column or key, row, the value and the expected one.
     """
-    table = parquet.read(path)
-    metadata = _read_metadata(path, table.schema.metadata or {})
-    names = table.column_names
+    schema, _ = parquet.layout(path)
+    metadata = _read_metadata(path, schema.metadata or {})
+    names = schema.names
     for name in names:
         if names.count(name) > 1:
             raise InputError(path, f"column {name}", f"{names.count(name)} of them", "one")
     width = len(metadata["channels"])
-    _check_columns(path, table.schema, width)
+    _check_columns(path, schema, width)
+    table = parquet.read(path, [name for name in names if name not in READINGS])
     plain = [name for name in names if name in COLUMNS or name in OPTIONAL_COLUMNS]
     frames = pd.DataFrame(
         {name: _scalar_column(path, name, table[name]) for name in plain},
@@ -207,7 +207,7 @@ def read(path: str | Path) -> Recording:
     options = {"types_mapper": pd.ArrowDtype, "ignore_metadata": True}
     frames = frames.join(parquet.frame(notes, **options))
     readings = {
-        name: _reading_column(path, name, table[name], width) if name in names else None
+        name: _reading_column(path, name, table.num_rows, width) if name in names else None
         for name in READINGS
     }
     touches = table["touches"].to_pylist() if "touches" in names else None
@@ -282,7 +282,8 @@ def validate(recording: Recording, file: str | Path) -> None:
             continue
         if values.shape != shape:
             raise InputError(file, f"column {name}", values.shape, f"{shape}: frames x channels")
-        _check_rows(file, name, values, np.isinf(values), "finite, or NaN if lost")
+        is_huge = (values > LARGEST) | (values < -LARGEST)
+        _check_rows(file, name, values, is_huge, f"finite, {LARGEST:g} at most, or NaN if lost")
     if recording.touches is not None:
         _check_touches(file, recording)
     _check_on_skin(file, recording)
@@ -292,6 +293,10 @@ def validate(recording: Recording, file: str | Path) -> None:
         return
     if np.isnan(recording.voltage).all():
         raise InputError(file, "column voltage_V", "every channel lost", "some reading")
+    largest = max(float(np.nanmax(recording.voltage)), -float(np.nanmin(recording.voltage)))
+    if 0.0 < largest < 1.0 / LARGEST:
+        violation = f"none larger than {largest:g}"
+        raise InputError(file, "column voltage_V", violation, f"readings above {1.0 / LARGEST:g}")
     if metadata["values"] == "absolute":
         if metadata["voltage"] == "magnitude":
             negative = recording.voltage < 0
@@ -428,15 +433,24 @@ def _scalar_column(file: str | Path, name: str, column: pa.ChunkedArray) -> np.n
     return column.to_numpy()
 
 
-def _reading_column(file: str | Path, name: str, column: pa.ChunkedArray, width: int) -> np.ndarray:
-    nulls = column.is_null().to_numpy()
-    if not nulls.any():
-        values = column.combine_chunks().flatten()
-        if not values.null_count:
-            return values.to_numpy(zero_copy_only=False).reshape(-1, width)
-        nulls = values.is_null().to_numpy(zero_copy_only=False).reshape(-1, width).any(axis=1)
-    row = int(np.flatnonzero(nulls)[0])
-    raise InputError(file, f"column {name}, row {row}", "null", "a number, or NaN if lost")
+def _reading_column(file: str | Path, name: str, count: int, width: int) -> np.ndarray:
+    """(count, width) float64; a batch at a time, as whole columns stand in memory three times."""
+    values = np.empty((count, width))
+    start = 0
+    for batch in parquet.batches(file, name):
+        flat = batch.flatten()
+        if batch.null_count or flat.null_count:
+            nulls = batch.is_null().to_numpy(zero_copy_only=False)
+            if not nulls.any():
+                of_readings = flat.is_null().to_numpy(zero_copy_only=False)
+                nulls = of_readings.reshape(-1, width).any(axis=1)
+            row = start + int(np.flatnonzero(nulls)[0])
+            place = f"column {name}, row {row}"
+            raise InputError(file, place, "null", "a number, or NaN if lost")
+        end = start + len(batch)
+        values[start:end] = flat.to_numpy(zero_copy_only=False).reshape(-1, width)
+        start = end
+    return values
 
 
 def _check_rows(
@@ -465,7 +479,7 @@ def _check_frames(file: str | Path, frames: pd.DataFrame) -> None:
     frame = frames["frame"].to_numpy()
     refuse("frame", frame != np.arange(len(frame)), "0, 1, 2, ... in order")
     time = frames["time_s"].to_numpy(dtype=float)
-    refuse("time_s", ~np.isfinite(time) | (time < 0), "seconds from the recording's start")
+    refuse("time_s", ~(time <= LARGEST) | (time < 0), "seconds from the recording's start")
     backwards = np.flatnonzero(np.diff(time) <= 0)
     if len(backwards):
         row = int(backwards[0]) + 1
@@ -474,22 +488,24 @@ def _check_frames(file: str | Path, frames: pd.DataFrame) -> None:
     touch = frames["touch"].to_numpy(dtype=bool)
     for name in ("x_mm", "y_mm"):
         place = frames[name].to_numpy(dtype=float)
-        refuse(name, touch & ~np.isfinite(place), "the contact's centre where touch is true")
+        refuse(
+            name, touch & ~(np.abs(place) <= LARGEST), "the contact's centre where touch is true"
+        )
         refuse(name, ~touch & ~np.isnan(place), "null where touch is false")
     force = frames["force_N"].to_numpy(dtype=float)
     refuse("force_N", ~touch & ~(np.isnan(force) | (force == 0)), "0 where touch is false")
     pressed = force[touch & np.isfinite(force) & (force != 0)]
     turned = "; all touched frames are negative: the axis points the other way, write -force_N"
     hint = turned if len(pressed) and (pressed < 0).all() else ""
-    refuse("force_N", (force < 0) | np.isinf(force), f"0 N or more, or null{hint}")
+    refuse("force_N", (force < 0) | (force > LARGEST), f"0 N or more, or null{hint}")
     probe = frames["probe_mm"].to_numpy(dtype=float)
     refuse("probe_mm", ~touch & ~np.isnan(probe), "null where touch is false")
-    refuse("probe_mm", (probe <= 0) | np.isinf(probe), "more than 0 mm, or null")
+    refuse("probe_mm", (probe <= 0) | (probe > LARGEST), "more than 0 mm, or null")
     depth = frames["depth_mm"].to_numpy(dtype=float)
-    refuse("depth_mm", (depth < 0) | np.isinf(depth), "0 mm or more, or null")
+    refuse("depth_mm", (depth < 0) | (depth > LARGEST), "0 mm or more, or null")
     if "temperature_C" in frames:
         warm = frames["temperature_C"].to_numpy(dtype=float)
-        is_bad = (warm < ABSOLUTE_ZERO_C) | np.isinf(warm)
+        is_bad = (warm < ABSOLUTE_ZERO_C) | (warm > LARGEST)
         refuse("temperature_C", is_bad, f"more than {ABSOLUTE_ZERO_C} degrees, or null")
     if "contact" in frames:
         missing = frames["contact"].isna().to_numpy()
@@ -586,11 +602,11 @@ def _check_touch(file: str | Path, place: str, touch: dict | None) -> None:
     if not isinstance(touch, dict) or set(touch) != set(TOUCH_KEYS):
         raise InputError(file, place, touch, f"{{{', '.join(TOUCH_KEYS)}}}")
     x, y, force, probe = (_number(touch[key]) for key in TOUCH_KEYS)
-    if not (math.isfinite(x) and math.isfinite(y)):
+    if not (abs(x) <= LARGEST and abs(y) <= LARGEST):
         raise InputError(file, place, touch, "a place, x_mm and y_mm")
-    if force < 0 or math.isinf(force):
+    if force < 0 or force > LARGEST:
         raise InputError(file, place, touch, "force_N 0 or more, or null")
-    if probe <= 0 or math.isinf(probe):
+    if probe <= 0 or probe > LARGEST:
         raise InputError(file, place, touch, "probe_mm more than 0, or null")
 
 

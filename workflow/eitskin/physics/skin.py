@@ -1,6 +1,5 @@
 """The properties of a skin as its owner states them: the recording's `skin` metadata."""
 
-import math
 from dataclasses import asdict, dataclass, fields
 from typing import Any, TypeGuard
 
@@ -16,6 +15,9 @@ POSITIVE = (
     "electrode_z_mm",
 )
 NOT_NEGATIVE = ("electrode_width_mm", "contact_impedivity_ohm_m2")
+LARGEST = 1e50  # of any number: products of six are finite; no quantity of a skin comes near
+MAX_ELECTRODES = 1024  # no EIT device has more
+ONE_EACH = f"one an electrode, at most {MAX_ELECTRODES}"
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,8 @@ class Skin:
                     raise InputError(file, f"skin.{key}", repr(value), "a list of angles")
                 if not value:
                     raise InputError(file, f"skin.{key}", "no angle", "one an electrode, or null")
+                if len(value) > MAX_ELECTRODES:
+                    raise InputError(file, f"skin.{key}", f"{len(value)} angles", ONE_EACH)
                 if len({round(angle % 360.0, 9) for angle in value}) < len(value):
                     raise InputError(file, f"skin.{key}", "two equal angles", "one an electrode")
                 value = tuple(float(angle) for angle in value)
@@ -89,6 +93,8 @@ def _checked_shape(file: str, key: str, value: Any) -> str | tuple[tuple[float, 
         word = "a word for the shape, or " if key == "outline" else ""
         expected = f"{word}places [x, y] in mm, {least_places} or more"
         raise InputError(file, f"skin.{key}", repr(value)[:80], expected)
+    if key == "electrode_xy_mm" and len(value) > MAX_ELECTRODES:
+        raise InputError(file, f"skin.{key}", f"{len(value)} places", ONE_EACH)
     return tuple((float(x), float(y)) for x, y in value)
 
 
@@ -97,22 +103,19 @@ def _listed(value: object) -> object:
 
 
 def is_number(value: object) -> TypeGuard[int | float]:
-    """Whether a value out of JSON or YAML is a finite number; true, false and whole numbers beyond
-    float64 are none.
-    """
+    """Whether a value out of JSON or YAML is a finite number, LARGEST at most; true and false are
+    none."""
     if not isinstance(value, int | float) or isinstance(value, bool):
         return False
-    try:
-        return math.isfinite(value)
-    except OverflowError:
-        return False
+    return abs(value) <= LARGEST
 
 
 def _checked_number(file: str, key: str, value: object) -> float:
     if not is_number(value):
         raise InputError(file, f"skin.{key}", repr(value), "a finite number or null")
-    if key in POSITIVE and value <= 0:
-        raise InputError(file, f"skin.{key}", repr(value), "more than 0")
+    if key in POSITIVE and value < 1.0 / LARGEST:
+        expected = "more than 0" if value <= 0 else f"{1.0 / LARGEST:g} or more"
+        raise InputError(file, f"skin.{key}", repr(value), expected)
     if key in NOT_NEGATIVE and value < 0:
         raise InputError(file, f"skin.{key}", repr(value), "0 or more")
     return float(value)

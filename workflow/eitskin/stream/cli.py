@@ -6,6 +6,7 @@ import sys
 from types import FrameType
 
 from eitskin.errors import InputError, named
+from eitskin.quantities import plain
 
 FAULT = 4  # exit code, as of a capture's fault
 BAUD = 115200  # of the authors' board
@@ -60,7 +61,7 @@ def stream(arguments: argparse.Namespace) -> int:
             recorder = None
         raise
     except sources.PortLost as error:
-        print(error, file=sys.stderr)
+        print(plain(str(error)), file=sys.stderr)
         exit_code = FAULT
     finally:
         for number, handler in previous_handlers.items():

@@ -84,6 +84,7 @@ class View:
             self._print("")
 
     def _line(self, line: str) -> None:
+        line = plain(line)
         if not self._terminal:
             self._print(line)
             return
@@ -92,7 +93,7 @@ class View:
         self._width = len(line)
 
     def _print(self, text: str) -> None:
-        self._stream.write(text + "\n")
+        self._stream.write(plain(text) + "\n")
         self._stream.flush()
 
 
@@ -127,7 +128,7 @@ def text(targets: list[str], frame: Frame, verdict: Verdict, late_s: float) -> s
         parts.append(f"{verdict.n_missing} readings left out")
     if late_s >= LATE_S:
         parts.append(f"{late_s:.1f} s late")
-    return plain(" · ".join(parts))
+    return " · ".join(parts)
 
 
 def as_json(targets: list[str], frame: Frame, verdict: Verdict, late_s: float) -> dict:

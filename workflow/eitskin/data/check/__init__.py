@@ -11,6 +11,7 @@ presses.
 from pathlib import Path
 
 from eitskin.atomic import atomic_path
+from eitskin.data import subset
 from eitskin.data.check import sentences, suspicions
 from eitskin.data.check.finding import ERROR, FACT, UNOBSERVABLE, WARNING, Check, Finding
 from eitskin.data.check.placeholders import measured
@@ -43,25 +44,37 @@ EXAMINATIONS = (  # of a recording with readings
     sentences.unobservable,
 )
 
+ON_ALL_FRAMES = (  # of a recording of any length; others look at a sample of a long one
+    suspicions.constant_frames,
+    suspicions.unlabelled_touches,
+    suspicions.steps_in_time,
+    sentences.lost_readings,
+    sentences.unobservable,
+)
+
 
 def check(recording: Recording, progress: bool = False) -> Check:
     """All findings about a valid recording or query; `progress` shows a bar on stderr."""
     findings = sentences.contents(recording) + sentences.skin(recording)
     findings += sentences.outline(recording) + sentences.repeated_channels(recording)
+    sampled = subset.sample(recording)
     if recording.voltage is not None:
         refusals = sentences.dead_channels(recording) or suspicions.kind_of_values(
-            measured(recording)
+            measured(sampled)
         )
         if refusals:
             return Check((*findings, *refusals))
-    findings += suspicions.units(recording)
+    findings += suspicions.units(sampled)
     if recording.voltage is not None:
-        findings += suspicions.stand_ins(recording) + suspicions.unplugged(recording)
-        recording = measured(recording)
+        findings += sentences.sampled_frames(recording, sampled)
+        absences = suspicions.stand_ins(sampled) + suspicions.unplugged(sampled)
+        if absences:
+            findings += absences
+            recording, sampled = measured(recording), measured(sampled)
         for examine in patient(EXAMINATIONS, "checking", progress):
             if examine is sentences.numbering and _is_order_wrong(findings):
                 continue  # by channels of another order touches light up anywhere
-            findings += examine(recording)
+            findings += examine(recording if examine in ON_ALL_FRAMES else sampled)
     return Check(tuple(findings))
 
 

@@ -117,7 +117,7 @@ class DeadChannels:
 def dead_channels(recording: Recording) -> DeadChannels | None:
     """Counts of live channels where they are fewer than the unknowns of a touch, else None."""
     touch = recording.frames["touch"].to_numpy(dtype=bool)
-    is_nonzero = np.nan_to_num(recording.readings) != 0
+    is_nonzero = (recording.readings != 0) & ~np.isnan(recording.readings)
     difference = recording.metadata["values"] == "difference"
     states = [touch] if difference and touch.any() else [~touch, touch]
     is_live = np.logical_and.reduce(

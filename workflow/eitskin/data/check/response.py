@@ -33,10 +33,9 @@ def constant_frames(recording: Recording) -> ConstantFrames | None:
     if len(values) < MIN_FRAMES:
         return None
     is_read = np.isfinite(values)
-    lowest = np.where(is_read, values, np.inf).min(axis=0)
-    highest = np.where(is_read, values, -np.inf).max(axis=0)
     is_repeated = is_read.sum(axis=0) > 1
-    if not is_repeated.any() or (highest > lowest).any():
+    changes = np.fmax.reduce(values, axis=0) > np.fmin.reduce(values, axis=0)
+    if not is_repeated.any() or changes.any():
         return None
     return ConstantFrames(len(values), int(recording.frames["touch"].sum()))
 

@@ -324,6 +324,17 @@ def reciprocity(recording: Recording) -> list[Finding]:
     return [_fact("reciprocity", sentence, pair_error.median)]
 
 
+def sampled_frames(recording: Recording, sampled: Recording) -> list[Finding]:
+    """Of a long recording, that most is told from a sample (value: its frames)."""
+    if sampled is recording:
+        return []
+    sentence = (
+        f"{len(sampled.frames)} of the {len(recording.frames)} frames, evenly from all of it, tell "
+        "what follows, but for lost readings, steps and touches without a label, which all tell."
+    )
+    return [_fact("sample", sentence, len(sampled.frames))]
+
+
 def channel_order(recording: Recording) -> list[Finding]:
     """Whether the readings are in the table's order (value: the rms misfit of its identities), or
     fit another known order far better."""

@@ -7,10 +7,11 @@ recording's other splits, so that random walks, drift and recovery, which are in
 steps. A factor common to all channels is tested separately, because sources drift.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from eitskin.data import subset
 from eitskin.data.baseline import sessions
 from eitskin.data.check.measures import NORMAL, channel_noise
 from eitskin.data.check.unlabelled import unlabelled_touches
@@ -56,13 +57,24 @@ def steps(recording: Recording) -> list[Step]:
     """
     if recording.voltage is None or recording.metadata["values"] == "difference":
         return []
+    return [
+        replace(step, frame=step.frame + start, between=(before + start, after + start))
+        for start, answered, part in subset.blocks(recording)
+        for step in _steps(part)
+        for before, after in [step.between]
+        if step.frame + start in answered
+    ]
+
+
+def _steps(recording: Recording) -> list[Step]:
+    """The steps within a block of a recording."""
     rows = np.flatnonzero(~recording.frames["touch"].to_numpy(dtype=bool))
-    rows = rows[(np.nan_to_num(recording.voltage[rows]) != 0).any(axis=1)]
+    rows = rows[(np.nan_to_num(recording.readings[rows]) != 0).any(axis=1)]
     for first, last in unlabelled_touches(recording):
         rows = rows[(rows < first) | (rows > last)]
     if len(rows) < MIN_SPLITS + 3:
         return []
-    scaled = recording.voltage / channel_noise(recording.voltage[rows])
+    scaled = recording.readings / channel_noise(recording.readings[rows])
     rows = rows[~_is_loud(scaled[rows])]
     if len(rows) < MIN_SPLITS + 3:
         return []

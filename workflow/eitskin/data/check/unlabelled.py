@@ -61,11 +61,22 @@ def unlabelled_touches(recording: Recording) -> list[tuple[int, int]]:
         return []
     if no_disc(recording.skin) is not None:
         return []
+    return [
+        (first + start, last + start)
+        for start, answered, part in subset.blocks(recording)
+        for first, last in _stretches(part)
+        if first + start in answered
+    ]
+
+
+def _stretches(recording: Recording) -> list[tuple[int, int]]:
+    """First and last row of the stretches within a block of a recording."""
+    voltage = recording.readings
     touched = recording.frames["touch"].to_numpy(bool)
-    rows = np.flatnonzero(~touched & (np.nan_to_num(recording.voltage) != 0).any(axis=1))
+    rows = np.flatnonzero(~touched & (np.nan_to_num(voltage) != 0).any(axis=1))
     if len(rows) < FEWEST_FRAMES:
         return []
-    usable = np.isnan(recording.voltage[rows]).mean(axis=0) <= MOST_LOST
+    usable = np.isnan(voltage[rows]).mean(axis=0) <= MOST_LOST
     if usable.sum() < FEWEST_CHANNELS:
         return []
     hidden = np.zeros(len(touched), bool)

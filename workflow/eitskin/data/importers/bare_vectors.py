@@ -21,10 +21,11 @@ import numpy as np
 from eitskin.data.channel_order import ORDERS, in_order, misfit
 from eitskin.data.check.wiring import DOUBTFUL_MISFIT, MIN_IMPROVEMENT
 from eitskin.data.importers.description import describe, swap_measured
-from eitskin.data.recording import MAX_ELECTRODES, Recording, frames_table
+from eitskin.data.recording import Recording, frames_table
 from eitskin.errors import InputError
 from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import every_channel, reciprocal_channels, undriven
+from eitskin.physics.skin import MAX_ELECTRODES
 from eitskin.quantities import percent
 
 REVERSED = "-reversed"

@@ -30,6 +30,7 @@ from eitskin.data.importers.matrix_description import (
     DESCRIBING_KEYS,
     PLACED,
     description_path,
+    labels_path,
     missing_description,
     missing_labels,
     read_description,
@@ -87,8 +88,9 @@ def files(path: Path) -> list[Path]:
         labels = read_mapping(path).get("labels")
     except (InputError, OSError):
         labels = None
-    label_files = [path.parent / labels] if isinstance(labels, str) else []
-    return [path, *(file for file in (description_path(path), *label_files) if file.is_file())]
+    label_file = labels_path(path, labels) if isinstance(labels, str) else None
+    others = (description_path(path), label_file)
+    return [path, *(file for file in others if file is not None and file.is_file())]
 
 
 def load(

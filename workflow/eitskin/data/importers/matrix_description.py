@@ -10,7 +10,7 @@ from eitskin import yaml_file
 from eitskin.data.importers.protocol_search import common_protocol
 from eitskin.data.recording import NOTE, check_reading
 from eitskin.errors import InputError
-from eitskin.physics.skin import is_number
+from eitskin.physics.skin import MAX_ELECTRODES, is_number
 
 PROTOCOL = ("electrodes", "drive", "measurement")
 DESCRIBING_KEYS = (
@@ -30,6 +30,13 @@ KEYS = (*PROTOCOL, "order", *CHOICE_KEYS, "rate_Hz", "frame_s", "skin", "labels"
 def description_path(path: Path) -> Path:
     """Where the description of a matrix lies."""
     return path.with_suffix(".yaml")
+
+
+def labels_path(path: Path, labels: str) -> Path | None:
+    """The file of labels that a description names: in the matrix's folder or below, else None.
+    Whoever describes a matrix has no say in what else is read and quoted."""
+    inside = Path(labels)
+    return None if inside.is_absolute() or ".." in inside.parts else path.parent / inside
 
 
 def read_mapping(path: Path) -> dict:
@@ -56,8 +63,11 @@ def read_description(path: Path) -> dict:
         {key: description[key] for key in (*CHOICE_KEYS, "frame_s") if key in description}, file
     )
     n_electrodes = description.get("electrodes")
-    if "electrodes" in description and (type(n_electrodes) is not int or n_electrodes < 4):
-        raise InputError(file, "key electrodes", repr(n_electrodes), "a whole number, 4 or more")
+    if "electrodes" in description and (
+        type(n_electrodes) is not int or not 4 <= n_electrodes <= MAX_ELECTRODES
+    ):
+        expected = f"a whole number, 4 to {MAX_ELECTRODES}"
+        raise InputError(file, "key electrodes", repr(n_electrodes), expected)
     if "rate_Hz" in description and not (
         is_number(description["rate_Hz"]) and description["rate_Hz"] > 0
     ):

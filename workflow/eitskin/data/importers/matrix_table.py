@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from eitskin.data.importers import array_choice, delimited, named_columns
-from eitskin.data.importers.matrix_description import LABELS, description_path
+from eitskin.data.importers.matrix_description import LABELS, description_path, labels_path
 from eitskin.data.recording import NOTE
 from eitskin.errors import InputError
 
@@ -59,10 +59,11 @@ def read(path: Path, description: dict, array: str | None = None) -> Table:
     if table.readings.shape[1] == 1 and not table.labels:
         table.readings = table.readings.T
     if isinstance(labels, str):
-        file = path.parent / labels
-        if not file.is_file():
+        file = labels_path(path, labels)
+        if file is None or not file.is_file():
+            actual = "a path elsewhere, " if file is None else "no file "
             raise InputError(
-                description_path(path), "key labels", f"no file {labels!r}", "one beside it"
+                description_path(path), "key labels", f"{actual}{labels!r}", "a file beside it"
             )
         cells = delimited.read(file)
         names = cells.names or [""]

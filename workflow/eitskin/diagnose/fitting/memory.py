@@ -111,13 +111,18 @@ def frame_limit(
     """The number of frames of a recording, at most MAX_FRAMES, that a diagnosis takes within a
     limit. Raises InputError, with `file` as its place, where it is below MIN_FRAMES and below the
     recording's number."""
-    counts, limit = Counts.from_recording(recording), limit_GiB * GIB
+    counts, held = Counts.from_recording(recording), _held_bytes(recording)
+    limit = limit_GiB * GIB - held
     frames = np.arange(1, MAX_FRAMES + 1)
     within = frames[peak_bytes(counts, frames) <= limit]
     min_frames = min(len(recording.frames), MIN_FRAMES)
     if len(within) and within[-1] >= min_frames:
         return int(within[-1])
     n, m = counts.electrodes, counts.channels
+    if peak_bytes(counts, min_frames) <= limit_GiB * GIB:
+        actual = f"{len(recording.frames)} frames, which take {held / GIB:.1f} GiB before any fit"
+        expected = f"at most {limit_GiB:g} GiB: a part, --frames FIRST:LAST, or --memory GIB"
+        raise InputError(file, "memory", actual, expected)
     actual = (
         f"{m} channels of {n} electrodes, of which {min_frames} frames take up to "
         f"{float(peak_bytes(counts, min_frames)) / GIB:.1f} GiB"
@@ -125,6 +130,12 @@ def frame_limit(
     raise InputError(
         file, "memory", actual, f"at most {limit_GiB:g} GiB: {_way_out(counts, min_frames, limit)}"
     )
+
+
+def _held_bytes(recording: Recording) -> int:
+    """Bytes of readings beyond those of MAX_FRAMES frames, held while these are fitted."""
+    columns = (recording.voltage, recording.quadrature)
+    return sum(values[MAX_FRAMES:].nbytes for values in columns if values is not None)
 
 
 def _way_out(counts: Counts, frames: int, limit: float) -> str:

@@ -120,6 +120,15 @@ class Evidence:
         return UNITS[self.recording.metadata["unit"]]
 
 
+def file_paths(folder: str | Path) -> list[Path]:
+    """The files of a diagnosis in its folder that `read` reads, without recording and
+    prediction."""
+    evidence_folder = Path(folder) / "evidence"
+    tables = [evidence_folder / f"{name}.csv" for name in TABLES]
+    arrays = [evidence_folder / "residuals.npz", *tables, evidence_folder / "experiment.json"]
+    return [Path(folder) / "diagnosis.json", Path(folder) / "effects.yaml", *arrays]
+
+
 def read(
     folder: str | Path,
     recording_path: str | Path,

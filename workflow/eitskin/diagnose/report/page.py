@@ -52,16 +52,27 @@ def write(
     figure_html = {}
     for (name, drawing), (svg, png) in zip(drawings.items(), files, strict=True):
         figure_html[name] = f"<p>{escape(drawing)}</p>" if isinstance(drawing, str) else svg
-        figure_path = Path(report_path).parent / "figures" / name
-        with atomic_path(figure_path.with_suffix(".svg")) as path:
+        svg_path, png_path = _figure_paths(report_path, name)
+        with atomic_path(svg_path) as path:
             path.write_text(svg, encoding="utf-8")
-        with atomic_path(figure_path.with_suffix(".png")) as path:
+        with atomic_path(png_path) as path:
             path.write_bytes(png)
     change_drawings = [
         plotting.svg(drawing) if drawing else "" for drawing in figures.draw_changes(evidence)
     ]
     with atomic_path(report_path) as path:
         path.write_text(page(evidence, figure_html, change_drawings), encoding="utf-8")
+
+
+def figure_paths(report_path: str | Path) -> list[Path]:
+    """The files of figures that `write` writes beside a report."""
+    return [path for name in figures.FIGURES for path in _figure_paths(report_path, name)]
+
+
+def _figure_paths(report_path: str | Path, name: str) -> tuple[Path, Path]:
+    """A figure as SVG and as PNG."""
+    path = Path(report_path).parent / "figures" / name
+    return path.with_suffix(".svg"), path.with_suffix(".png")
 
 
 def page(evidence: Evidence, drawings: dict[str, str], change_drawings: list[str]) -> str:

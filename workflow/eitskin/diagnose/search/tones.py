@@ -22,10 +22,11 @@ def score(
 ) -> tuple[screen.Score, float] | None:
     """The strongest tone (Scargle 1982) of the residual, from a quarter of a period a frame to a
     channel's Nyquist frequency, and its power over that around it, as of `strongest`; None where
-    nobody knows when channels are read, and of fewer than LEAST_FRAMES frames."""
+    nobody knows when channels are read, of one channel, whose Nyquist frequency is a frame's, and
+    of fewer than LEAST_FRAMES frames."""
     model = tangents.problem.model
     frame_count = int(tangents.problem.whitening.mask.any(axis=1).sum())
-    if not model.frame_s or frame_count < LEAST_FRAMES:
+    if not model.frame_s or len(model.channels) < 2 or frame_count < LEAST_FRAMES:
         return None
     frequency, looks, prominence = strongest(
         tangents.problem.whitening.transposed(tangents.residual.reshape(tangents.voltage.shape)),

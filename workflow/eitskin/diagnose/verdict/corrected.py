@@ -10,7 +10,7 @@ import yaml
 from eitskin.data.recording import Recording
 from eitskin.diagnose.fitting.fit import Fit
 from eitskin.effects.settings import site_counts
-from eitskin.errors import InputError
+from eitskin.errors import InputError, printable
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
 from eitskin.simulate.readings import simulate
@@ -95,7 +95,7 @@ def yaml_text(fit: Fit, recording: Recording, noise_sd: np.ndarray, name: str) -
         comments.append(f"Readings are volts; {factor!r} times as much is the recording's unit.")
     if model.sink_grounded:
         comments.append("The source is simulated as floating; the recording's sink is grounded.")
-    lines = "".join(f"# {line}\n" for line in comments)
+    lines = "".join(f"# {printable(line)}\n" for line in comments)
     style: dict[str, Any] = {"sort_keys": False, "default_flow_style": None, "width": 100}
     return lines + yaml.dump(content, Dumper=_WithoutReferences, **style)
 
