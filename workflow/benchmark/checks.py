@@ -1,5 +1,5 @@
-"""`python -m benchmark.checks FOLDER...`: what `eitskin check` says of every file in folders, in which
-time and memory, as a Markdown table."""
+"""`python -m benchmark.checks FOLDER...`: what `eitskin check` says of every file in folders, with
+its time and memory, as a Markdown table."""
 
 import os
 import subprocess

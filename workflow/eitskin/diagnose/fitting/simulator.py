@@ -75,6 +75,14 @@ class RecordingSimulator:
     """
 
     coarse = False
+    nominal_skin: Skin
+    calibrations: list[Calibration]
+    difference: bool
+    magnitude: bool
+    unit: str
+    sink_grounded: bool
+    force_max_N: float
+    frame_s: float | None
 
     def __init__(
         self,
@@ -95,8 +103,6 @@ class RecordingSimulator:
         self._sensed: OrderedDict[tuple, Sensed] = OrderedDict()
         self._displacement_key = b""
         self.solved_skins = solved_skins or SolvedSkins()
-        self.nominal_skin: Skin
-        self.calibrations: list[Calibration]
         if base is not None:
             self.nominal_skin, self.calibrations = base.nominal_skin, base.calibrations
             self.difference, self.magnitude, self.unit = base.difference, base.magnitude, base.unit
