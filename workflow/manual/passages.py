@@ -353,6 +353,11 @@ def ablation() -> Iterable[str]:
     return table(("varied", "value", *HEAD), lines)
 
 
+def _with_ends(row: pd.Series, key: str, form: str) -> str:
+    """A value of a row with the ends of its interval."""
+    return f"{row[key]:{form}} ({row['low']:{form}} to {row['high']:{form}})"
+
+
 def limit() -> Iterable[str]:
     """The error of the posterior mean, by what it knows."""
     knows = {"limit_known": "the session's skin and gains", "limit": "their distributions alone"}
@@ -362,7 +367,7 @@ def limit() -> Iterable[str]:
     ):
         axes = _by_axis(group)
         cells = [
-            f"{row['value']:.3g} ({row['low']:.3g} to {row['high']:.3g})"
+            _with_ends(row, "value", ".3g")
             for row in (axes[t, m] for m in ("rmse", "mae") for t in ("x", "y", "F"))
         ]
         z2 = ", ".join(f"{axes[t, 'z2']['value']:.2f}" for t in ("x", "y", "F"))
@@ -379,7 +384,7 @@ def limit_ratios() -> Iterable[str]:
     ):
         axes = _by_axis(group)
         cells = [
-            f"{row['ratio']:.3f} ({row['low']:.3f} to {row['high']:.3f})"
+            _with_ends(row, "ratio", ".3f")
             for row in (
                 axes[t, m] for t, m in (("F", "rmse"), ("F", "mae"), ("x", "mae"), ("y", "mae"))
             )

@@ -30,12 +30,12 @@ def diagnose(
     """Diagnose a recording: locate, name and model what its simulation leaves out.
 
     Frames in which somebody touched though no label tells, and numbers that stand for readings that
-    there are not, are left out. Of a long recording, an
-    excerpt, as long as memory_GiB are expected to allow; a search on a few frames of it is where
-    that on all begins, or the effects of an earlier diagnosis where these explain it: each has to
-    be borne out. opened: pairs of a gate's and an effect's name, for which the gate lets everything
-    pass. Equal arguments give equal results, bit for bit. Raises
-    InputError where nothing can be simulated, and where it would take more memory.
+    there are not, are left out. Of a long recording, an excerpt, as long as memory_GiB are expected
+    to allow; a search on a few frames of it is where that on all begins, or the effects of an
+    earlier diagnosis where these explain it: each has to be borne out. opened: pairs of a gate's
+    and an effect's name, for which the gate lets everything pass. Equal arguments give equal
+    results, bit for bit. Raises InputError where nothing can be simulated, and where it would take
+    more memory.
     """
     # Shared out among cores, small products take longer, and their sums are of other bytes.
     with threadpool_limits(1, user_api="blas"):

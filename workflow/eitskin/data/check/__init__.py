@@ -58,28 +58,28 @@ def check(recording: Recording, progress: bool = False) -> Check:
     findings = sentences.contents(recording) + sentences.skin(recording)
     findings += sentences.outline(recording) + sentences.repeated_channels(recording)
     sampled = subset.sample(recording)
-    if recording.voltage is not None:
-        refusals = sentences.dead_channels(recording) or suspicions.kind_of_values(
-            measured(sampled)
-        )
-        if refusals:
-            return Check((*findings, *refusals))
+    if recording.voltage is None:
+        return Check((*findings, *suspicions.units(sampled)))
+    readings = measured(sampled)
+    refusals = sentences.dead_channels(recording) or suspicions.kind_of_values(readings)
+    if refusals:
+        return Check((*findings, *refusals))
     findings += suspicions.units(sampled)
-    if recording.voltage is not None:
-        findings += sentences.sampled_frames(recording, sampled)
-        absences = suspicions.stand_ins(sampled) + suspicions.unplugged(sampled)
-        if absences:
-            findings += absences
-            recording, sampled = measured(recording), measured(sampled)
-        for examine in patient(EXAMINATIONS, "checking", progress):
-            if examine is sentences.numbering and _is_order_wrong(findings):
-                continue  # by channels of another order touches light up anywhere
-            findings += examine(recording if examine in ON_ALL_FRAMES else sampled)
+    findings += sentences.sampled_frames(recording, sampled)
+    findings += suspicions.stand_ins(sampled) + suspicions.unplugged(sampled)
+    if readings is not sampled:
+        recording = readings if sampled is recording else measured(recording)
+    for examine in patient(EXAMINATIONS, "checking", progress):
+        if examine is sentences.numbering and _is_refuted(findings):
+            continue  # then touches light up anywhere
+        findings += examine(recording if examine in ON_ALL_FRAMES else readings)
     return Check(tuple(findings))
 
 
-def _is_order_wrong(findings: list[Finding]) -> bool:
-    return any(finding.topic == "order" and finding.severity == ERROR for finding in findings)
+def _is_refuted(findings: list[Finding]) -> bool:
+    """Whether the order of channels or that of places is wrong."""
+    topics = {finding.topic for finding in findings if finding.severity == ERROR}
+    return not topics.isdisjoint({"order", "places"})
 
 
 def text(report: Check) -> str:

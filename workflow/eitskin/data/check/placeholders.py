@@ -44,19 +44,19 @@ def placeholders(recording: Recording) -> list[Placeholder]:
     """Numbers that stand for readings that there are not; none of a query."""
     if recording.voltage is None:
         return []
-    values, found = recording.voltage, []
+    values, stand_ins = recording.voltage, []
     is_read = np.isfinite(values)
     for _ in range(MAX_VALUES):
         far = _far(values, is_read)
         if far is None:
             break
-        found.append(far)
+        stand_ins.append(far)
         is_read = is_read & ~far.mask
     if recording.metadata["values"] == "absolute":
         zero_mask = _zeros(values, is_read)
         if zero_mask.any():
-            found.append(Placeholder(0.0, zero_mask))
-    return found
+            stand_ins.append(Placeholder(0.0, zero_mask))
+    return stand_ins
 
 
 def _far(values: np.ndarray, is_read: np.ndarray) -> Placeholder | None:

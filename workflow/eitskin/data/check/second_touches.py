@@ -73,23 +73,23 @@ def _second(signal: np.ndarray, patterns: np.ndarray, distance: np.ndarray) -> t
     nearest to the labelled place, and whether the two are two touches.
 
     patterns (G, M): unit changes of places at `distance` (G,) radii from the label."""
-    near, far = patterns[distance < NEAR], patterns[distance > FAR]
-    if not len(near) or not len(far):
+    labelled_patterns, patterns_apart = patterns[distance < NEAR], patterns[distance > FAR]
+    if not len(labelled_patterns) or not len(patterns_apart):
         return 0.0, False
     power = signal @ signal
-    near_products = near @ signal
-    best = int(np.argmax(np.abs(near_products)))
-    first, amplitude = near[best], near_products[best]
-    rest = signal - amplitude * first
-    overlap = far @ first
+    labelled_products = labelled_patterns @ signal
+    best = int(np.argmax(np.abs(labelled_products)))
+    pattern, amplitude = labelled_patterns[best], labelled_products[best]
+    residual = signal - amplitude * pattern
+    overlap = patterns_apart @ pattern
     length = np.sqrt(np.maximum(1.0 - overlap**2, 1e-3))
-    products = np.sign(amplitude) * (far @ rest) / length
+    products = np.sign(amplitude) * (patterns_apart @ residual) / length
     second = int(np.argmax(products))
     gain = max(float(products[second]), 0.0) ** 2 / power
     second_amplitude = products[second] / length[second]
     first_amplitude = abs(amplitude) - overlap[second] * second_amplitude
     is_two = (
-        float(rest @ rest) / power - gain < MAX_REST * gain
+        float(residual @ residual) / power - gain < MAX_REST * gain
         and ((patterns @ signal) ** 2).max() < MAX_ALONE * power
         and first_amplitude > 0.0
         and 1.0 / MAX_RATIO < second_amplitude / first_amplitude < MAX_RATIO

@@ -415,8 +415,6 @@ def polarity(recording: Recording) -> list[Finding]:
 def numbering(recording: Recording) -> list[Finding]:
     """Whether hotspots of touches are at their stated places (value: the turn between them in
     degrees)."""
-    if any(finding.severity == ERROR for finding in places(recording)):
-        return []
     fit = wiring.numbering(recording)
     if fit is None:
         return []

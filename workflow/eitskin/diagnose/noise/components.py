@@ -176,10 +176,13 @@ class GainWalk(NoiseComponent):
     common_mode = True
     every_frame = AmplitudePerFrame.name
 
+    def waves(self, elapsed: np.ndarray) -> np.ndarray:
+        """(1 + FAST_WAVES, N): of a random walk, at elapsed shares (N,) of the recording."""
+        return random_walk_waves(elapsed, FAST_WAVES)
+
     def basis(self, linearisation: Linearisation) -> np.ndarray:
-        """(1 + FAST_WAVES, N, M): waves of a random walk, times the readings."""
-        waves = random_walk_waves(linearisation.elapsed, FAST_WAVES)
-        return waves[:, :, None] * linearisation.voltage
+        """(1 + FAST_WAVES, N, M): waves times the readings."""
+        return self.waves(linearisation.elapsed)[:, :, None] * linearisation.voltage
 
 
 @component
@@ -188,10 +191,9 @@ class GainFlicker(GainWalk):
 
     name, prior_sd = "gain-flicker", 2e-3
 
-    def basis(self, linearisation: Linearisation) -> np.ndarray:
-        """(1 + FAST_WAVES, N, M): waves of 1/f noise, times the readings."""
-        waves = flicker_waves(linearisation.elapsed, FAST_WAVES)
-        return waves[:, :, None] * linearisation.voltage
+    def waves(self, elapsed: np.ndarray) -> np.ndarray:
+        """(1 + FAST_WAVES, N): of 1/f noise, at elapsed shares (N,) of the recording."""
+        return flicker_waves(elapsed, FAST_WAVES)
 
 
 @component
@@ -354,15 +356,11 @@ class ForcePerPress(PressTouchComponent):
 
 
 @component
-class ForceZeroPerPress(PressTouchComponent):
+class ForceZeroPerPress(PressTouchComponent, ForcePerFrame):
     """The load cell's zero is off, press by press."""
 
     name, unit, prior_sd = "force-zero-per-press", "N", 0.2
     every_frame = ForcePerFrame.name
-
-    def displacements(self, linearisation: Linearisation) -> list[tuple[str, np.ndarray]]:
-        """Of every touch's force."""
-        return [("force_N", linearisation.touched.astype(float))]
 
 
 @component
