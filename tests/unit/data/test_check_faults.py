@@ -12,9 +12,12 @@ from eitskin.data.check.loads import lost_forces
 from eitskin.data.check.placeholders import measured
 from eitskin.data.check.second_touches import second_touches
 from eitskin.data.check.unlabelled import labelled
-from eitskin.data.recording import presses
+from eitskin.data.importers.description import describe
+from eitskin.data.recording import Recording, frames_table, presses
 from eitskin.diagnose.parts import diagnose
 from eitskin.diagnose.verdict.conclusion import document
+from eitskin.physics.geometry import even_angles
+from eitskin.physics.protocol import channel_table
 from small_skin import CHANNELS, small_recording
 
 
@@ -168,3 +171,16 @@ def test_touched_frames_with_a_blank_place_are_left_out_and_said(tmp_path):
         len(loaded.frames) == len(table) - 4 and loaded.frames["frame"].iloc[-1] == len(table) - 5
     )
     assert "4 touched frames, whose place the labels leave blank" in loaded.metadata["source"]
+
+
+@pytest.mark.parametrize("electrodes", [8, 16])
+def test_absolute_readings_that_are_noise_are_of_no_skin(electrodes):
+    """And no differences, as touches do not change them by more than their noise."""
+    touch = np.tile([False, True], 30)
+    frames = frames_table(np.arange(60.0), touch, np.arange(60.0), 0.0, 1.0 + np.arange(60.0))
+    channels = channel_table(electrodes)
+    metadata = describe(channels, even_angles(electrodes), "a citation", "signed")
+    noise = np.random.default_rng(electrodes).normal(size=(60, len(channels)))
+    checked = check.check(Recording(frames, noise, None, None, metadata))
+    (error,) = checked.of_severity(check.ERROR)
+    assert error.topic == "order" and error.sentence.startswith("exchanging drive and")

@@ -16,17 +16,19 @@ MAX_SLOPE = -0.3  # of log size over log reading: -0.3 to -1 where normalised, n
 
 
 def is_difference(recording: Recording) -> bool:
-    """Whether values stated as absolute are differences: touches change the median channel by more
-    than it reads untouched."""
+    """Whether values stated as absolute are differences: touched, the median channel reads far more
+    than untouched, and than its noise."""
     touch = recording.frames["touch"].to_numpy(dtype=bool)
     if recording.metadata["values"] != "absolute" or recording.metadata["voltage"] != "signed":
         return False
     if touch.sum() < MIN_TOUCHED or not (~touch).any():
         return False
-    untouched = np.abs(_column_median(recording.readings[~touch]))
+    untouched = _column_median(recording.readings[~touch])
+    noise = _column_median(np.abs(recording.readings[~touch] - untouched))
+    level = np.maximum(np.abs(untouched), noise)
     change = _column_median(np.abs(recording.readings[touch]))
-    is_read = np.isfinite(untouched) & np.isfinite(change)
-    return bool(is_read.any() and np.median(change[is_read]) > 2.0 * np.median(untouched[is_read]))
+    is_read = np.isfinite(level) & np.isfinite(change)
+    return bool(is_read.any() and np.median(change[is_read]) > 2.0 * np.median(level[is_read]))
 
 
 def is_normalised(recording: Recording) -> bool:

@@ -100,7 +100,11 @@ def _order(recording: Recording, values: np.ndarray, signed: bool, variance: np.
     channels, n = recording.channels, recording.n_electrodes
     table_misfit = misfit(values, channels, n, signed, variance)
     if table_misfit.reciprocity is None and _is_noise(recording, values):
-        return Order(Misfit(None, None, None), np.inf, [])
+        if recording.metadata["values"] == "difference":
+            return Order(Misfit(None, None, None), np.inf, [])
+        # A skin reads more than noise untouched: no mean of its frames is noise alone.
+        variance = np.zeros_like(variance)
+        table_misfit = misfit(values, channels, n, signed)
     misfits = {
         name: misfit(
             reordered(values, permutation),
