@@ -300,8 +300,9 @@ def test_the_likelihood_is_that_of_a_normal_distribution(names):
         for name, size in sizes.items():
             columns = rig.columns[name].reshape(-1, there.size)[:, there]
             covariance += size**2 * together[COMPONENTS[name].acts_on] * (columns.T @ columns)
-        for name in set(sizes) & set(rig.displacements):
-            columns = rig.columns[name].reshape(-1, there.size)[:, there]
+        for name in sizes:
+            alike = rig.columns[name][COMPONENTS[name].alike]
+            columns = alike.reshape(-1, there.size)[:, there]
             covariance += (FREE * rig.prior_sds[name]) ** 2 * (columns.T @ columns)
         values = residual.ravel()[there]
         prior = sum((size / rig.prior_sds[name]) ** 2 for name, size in sizes.items())
@@ -597,6 +598,22 @@ def test_what_all_presses_share_is_no_error_of_theirs():
     assert learned(noise + shared) == 0.0
     assert np.isclose(learned(noise + differing + shared), learned(noise + differing), rtol=0.02)
     assert np.isclose(learned(noise + differing + shared), np.std(each), rtol=0.2)
+
+
+def test_a_gain_that_all_frames_share_is_no_walk():
+    rig = made(WALK)
+    noise = np.random.default_rng(4).normal(size=rig.noise_whitening.mask.shape)
+    noise *= rig.noise_whitening.sd
+    mean, wave = rig.columns["gain-walk"][:2]
+
+    def learned(residual):
+        return learn_error_sds(rig, residual, {})[0]["gain-walk"]
+
+    size = WALK["gain-walk"]
+    assert learned(noise + 10.0 * size * mean) == 0.0
+    walking = learned(noise + size * wave)
+    assert walking > 0.0
+    assert np.isclose(learned(noise + 10.0 * size * mean + size * wave), walking, rtol=0.05)
 
 
 @pytest.fixture(scope="module")

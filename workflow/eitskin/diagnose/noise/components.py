@@ -36,7 +36,8 @@ class NoiseComponent(ABC):
     same. common_mode: moves all readings of a frame together. discrepancy: stands for physics
     without a name, no error of a rig; it never enters the chi squared of a verdict.
     every_frame: the component that moves readings alike, independently from frame to frame; "" for
-    none.
+    none. alike: which of the K errors, if all that it acts on have it alike, a calibration or an
+    effect can do as well; their size tells nothing of the sd.
     """
 
     name: ClassVar[str]
@@ -49,6 +50,7 @@ class NoiseComponent(ABC):
     common_mode: ClassVar[bool] = False
     discrepancy: ClassVar[bool] = False
     every_frame: ClassVar[str] = ""
+    alike: ClassVar[slice] = slice(0)
 
     def affected_frames(self, linearisation: Linearisation) -> np.ndarray:
         """(N,) bool: frames that the error acts on; all."""
@@ -122,6 +124,7 @@ class PressTouchComponent(TouchComponent):
     acts_on = "press"
     least_frames = 1
     least_presses = LEAST_PRESSES
+    alike = slice(None)
 
     def affected_frames(self, linearisation: Linearisation) -> np.ndarray:
         """(N,) bool: frames of presses."""
@@ -174,6 +177,7 @@ class GainWalk(NoiseComponent):
     name, unit, prior_sd, acts_on = "gain-walk", "1", 1e-2, "whole"
     least_frames = LEAST_FRAMES
     common_mode = True
+    alike = slice(1)  # the mean, which a conductivity is as well
     every_frame = AmplitudePerFrame.name
 
     def waves(self, elapsed: np.ndarray) -> np.ndarray:
@@ -369,6 +373,7 @@ class ForceZeroWalk(PressTouchComponent):
 
     name, unit, prior_sd, acts_on = "force-zero-walk", "N", 0.2, "whole"
     every_frame = ForcePerFrame.name
+    alike = slice(1)
 
     def displacements(self, linearisation: Linearisation) -> list[tuple[str, np.ndarray]]:
         """Of every touch's force, by waves of a random walk."""

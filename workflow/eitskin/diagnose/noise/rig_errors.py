@@ -104,13 +104,12 @@ class RigErrors:
 
     @cached_property
     def shared_columns(self) -> np.ndarray:
-        """(K, N, M): what all presses share of the errors of touches, filtered, FREE times as large
-        as the priors' sd."""
+        """(K, N, M): what all presses share of the errors of touches, and all frames of a gain
+        (`NoiseComponent.alike`), filtered, FREE times as large as the priors' sd."""
         shape = self.noise_whitening.mask.shape
         columns = [
-            FREE * self.prior_sds[name] * columns
+            FREE * self.prior_sds[name] * columns[COMPONENTS[name].alike]
             for name, columns in self.columns.items()
-            if name in self.displacements and COMPONENTS[name].acts_on == "press"
         ]
         shared = np.concatenate([np.zeros((0, *shape)), *columns])
         return self.noise_whitening.filtered(shared, "whole")
@@ -133,7 +132,7 @@ class RigErrors:
         without a name. fitted: in the form for fits, which follows lasting errors into the channels
         that the errors of frames and presses carry them to (`NoiseComponent.weights`). restricted:
         in the form for learning sds, with `shared_columns` beside the components: what all presses
-        share may be an effect's, and tells nothing of how they differ. A whitening that is still in
+        or frames share may be an effect's, and tells nothing of how they differ. A whitening that is still in
         use elsewhere is returned again, with the factors that it has computed.
         """
         positive = {k: v for k, v in error_sds.items() if v > 0.0 and k in self.columns}
