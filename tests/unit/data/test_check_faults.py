@@ -3,17 +3,19 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
+import yaml
 
 from eitskin.data import alignment, check, importers
-from eitskin.data.check import ERROR, FACT, WARNING
+from eitskin.data.check import ERROR, FACT, WARNING, wiring
 from eitskin.data.check.copies import copies
 from eitskin.data.check.loads import lost_forces
 from eitskin.data.check.placeholders import measured
 from eitskin.data.check.second_touches import second_touches
 from eitskin.data.check.unlabelled import labelled
 from eitskin.data.importers.description import describe
-from eitskin.data.recording import Recording, frames_table, presses
+from eitskin.data.recording import UNTOUCHED_FORCE, Recording, frames_table, presses
 from eitskin.diagnose.parts import diagnose
 from eitskin.diagnose.verdict.conclusion import document
 from eitskin.physics.geometry import even_angles
@@ -136,6 +138,68 @@ def test_presses_with_a_second_touch_that_no_label_tells_are_found_and_left_out(
     rest, stretches = labelled(recording)
     assert stretches == [(10, 13), (35, 38)] and len(rest.frames) == len(recording.frames) - 8
     assert not second_touches(two_touches(0.0)[0])
+
+
+DRIFTS = {
+    "rises": lambda elapsed: 1.0 + 0.17 * elapsed,
+    "falls": lambda elapsed: np.exp(-0.35 * elapsed),
+    "settles": lambda elapsed: 1.0 + 0.25 * (1.0 - np.exp(-3.0 * elapsed)),
+    "returns": lambda elapsed: 1.0 + 0.3 * np.sin(np.pi * elapsed),
+}
+
+
+@pytest.mark.parametrize("drift", DRIFTS.values(), ids=DRIFTS)
+@pytest.mark.parametrize("electrodes", [8, 16])
+def test_readings_that_drift_together_still_show_touches_at_their_places(
+    make_recording, drift, electrodes
+):
+    recording = small_recording() if electrodes == 8 else make_recording(presses=12)
+    recording.voltage *= drift(np.linspace(0.0, 1.0, len(recording.voltage)))[:, None]
+    report = check.check(recording)
+    assert report.ok and not report.of_severity(WARNING)
+    assert abs(wiring.numbering(recording).turn_deg) < 2.0
+
+
+@pytest.mark.long
+def test_beside_readings_that_drift_together_an_electrode_is_named():
+    moved = {"name": "electrode-position", "electrodes": [5], "parameters": {"shift_deg": [4.0]}}
+    recording = small_recording(moved, noise=3e-4)
+    elapsed = np.linspace(0.0, 1.0, len(recording.voltage))
+    recording.voltage *= (1.0 + 0.17 * elapsed)[:, None]
+    said = document(diagnose(recording), "drift")
+    by_name = {effect["name"]: effect for effect in said["effects"]}
+    assert by_name["electrode-position"]["electrodes"] == [5]
+    sds = {component["name"]: component["sd"] for component in said["noise"]["components"]}
+    assert "conductivity-drift" in by_name or sds["gain-walk"] > 0.03
+    assert by_name.keys() <= {"electrode-position", "conductivity-drift"}
+
+
+@pytest.mark.parametrize(
+    ("zero_N", "sd_N", "walk_N"), [(2.0, 0.0, 0.0), (0.4, 0.05, 0.0), (-0.3, 0.01, 0.2)]
+)
+def test_a_load_cell_whose_zero_is_off_is_told_by_untouched_frames(tmp_path, zero_N, sd_N, walk_N):
+    recording = small_recording()
+    draw, labels = np.random.default_rng(3), recording.frames[["touch", "x_mm", "y_mm"]].copy()
+    count = len(labels)
+    off_N = zero_N + walk_N * np.linspace(0.0, 1.0, count) + sd_N * draw.normal(size=count)
+    labels["force_N"] = recording.frames["force_N"] + off_N
+    table = pd.concat([labels, pd.DataFrame(recording.voltage).add_prefix("v")], axis=1)
+    table.to_csv(tmp_path / "r.csv", index=False)
+    description = {"electrodes": 8, "drive": "adjacent", "measurement": "adjacent"}
+    (tmp_path / "r.yaml").write_text(yaml.safe_dump(description))
+    imported = importers.load(tmp_path / "r.csv")
+    untouched = ~labels["touch"].to_numpy(bool)
+    told = finding(imported, "zero")
+    assert told.severity == WARNING and "the load cell's zero is off" in told.sentence
+    assert np.isclose(told.value, np.median(off_N[untouched]))
+    assert (imported.frames["force_N"][untouched] == 0.0).all()
+
+
+def test_noise_of_a_load_cell_is_no_zero_that_is_off():
+    draw, recording = np.random.default_rng(3), small_recording()
+    force_N = 0.05 * draw.normal(size=len(recording.frames))
+    recording.frames[UNTOUCHED_FORCE] = np.where(recording.frames["touch"], np.nan, force_N)
+    assert not check.check(recording).of_topic("zero")
 
 
 def test_dozens_of_steps_are_one_line(make_recording):

@@ -94,7 +94,7 @@ def hotspots(recording: Recording, rows: np.ndarray) -> np.ndarray:
     if angles is None:
         expected = "the electrodes' angles, to place touches"
         raise InputError("recording", "skin.electrode_deg", "null", expected)
-    change = baseline.changes(recording, "recording")[rows]
+    change = baseline.steady_changes(recording, "recording")[rows]
     channels = recording.channels
     if recording.metadata["voltage"] == "magnitude":
         change = change * np.sign(homogeneous_readings(channels, np.array(angles)))
@@ -109,7 +109,7 @@ def strongest_touches(recording: Recording) -> np.ndarray:
 
     By force, from STRONG_N on, where it is known, else by the norm of the readings' change.
     """
-    change = baseline.changes(recording, "recording")
+    change = baseline.steady_changes(recording, "recording")
     is_read = np.isfinite(change).any(axis=1)
     touched = np.flatnonzero(recording.frames["touch"].to_numpy(bool) & is_read)
     force = recording.frames["force_N"].to_numpy()[touched]

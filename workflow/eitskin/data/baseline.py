@@ -1,11 +1,16 @@
 """The baseline of untouched frames, the changes against it, and their noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 
 from eitskin.data.recording import Recording, voltages
 from eitskin.errors import InputError
 
+# Mean square of successive differences over the variance (von Neumann, Annals of Mathematical
+# Statistics 12, 1941): of noise 2 on average; below, what is measured drifts.
+MAX_NEUMANN = 0.7
 MIN_NOISE_FRAMES = 20  # an rms of fewer is uncertain by more than 16 %
 
 
@@ -46,6 +51,43 @@ def changes(recording: Recording, name: str) -> np.ndarray:
             baseline[is_first_run] = (total[0] - voltage[is_first_run]) / (count[0] - 1)
         difference[frames] = voltage - np.where(np.isfinite(baseline), baseline, np.nan)
     return difference
+
+
+def steady(recording: Recording) -> Recording:
+    """A recording less the factor by which all readings of the untouched skin drift together;
+    itself where none does, of differences and without untouched frames.
+
+    The factor of an untouched frame is the median, over the larger half of the channels, of its
+    readings over the channels' medians; between untouched frames of a session it is interpolated,
+    beyond them it stays. It drifts where its von Neumann ratio is below MAX_NEUMANN.
+    """
+    touched = recording.frames["touch"].to_numpy(bool)
+    if recording.metadata["values"] == "difference" or touched.all():
+        return recording
+    untouched = pd.DataFrame(recording.readings[~touched])
+    usual = untouched.median()
+    is_large = usual.abs() >= usual.abs().median()
+    ratio = (untouched.loc[:, is_large] / usual[is_large]).median(axis=1).to_numpy()
+    is_known = np.isfinite(ratio) & (ratio > 0.0)
+    rows, ratio = np.flatnonzero(~touched)[is_known], ratio[is_known]
+    if len(ratio) < 2 or (np.diff(ratio) ** 2).mean() >= MAX_NEUMANN * ratio.var():
+        return recording
+    factor = np.ones(len(touched))
+    session_of = sessions(recording.frames)
+    for session in np.unique(session_of[rows]):
+        of_session = session_of[rows] == session
+        frames = np.flatnonzero(session_of == session)
+        factor[frames] = np.interp(frames, rows[of_session], ratio[of_session])
+    quadrature = recording.quadrature
+    if quadrature is not None:
+        quadrature = quadrature / factor[:, None]
+    return replace(recording, voltage=recording.readings / factor[:, None], quadrature=quadrature)
+
+
+def steady_changes(recording: Recording, name: str) -> np.ndarray:
+    """`changes` of the `steady` recording; raises InputError as these do."""
+    voltages(recording, name)
+    return changes(steady(recording), name)
 
 
 def level(recording: Recording, lost_channels: list[int]) -> np.ndarray | None:

@@ -36,6 +36,7 @@ READINGS = ("voltage_V", "quadrature_V")
 TOUCH_KEYS = ("x_mm", "y_mm", "force_N", "probe_mm")
 TOUCHES = pa.list_(pa.struct([(key, pa.float64()) for key in TOUCH_KEYS]))
 NOTE = "note_"
+UNTOUCHED_FORCE = f"{NOTE}untouched_force_N"  # what the load cell reads where nobody touches
 REQUIRED_KEYS = (
     "format",
     "version",
@@ -119,7 +120,8 @@ def frames_table(
     """The required scalar columns of N frames.
 
     Arguments are (N,) or one number for all frames, None where unknown. Untouched frames get force
-    0 and NaN as place, probe and depth, whatever the arguments hold.
+    0 and NaN as place, probe and depth, whatever the arguments hold; forces other than 0 that they
+    hold there become the column UNTOUCHED_FORCE, NaN where touched.
     """
     touch = np.asarray(touch, dtype=bool)
     columns = {
@@ -137,6 +139,10 @@ def frames_table(
     for name, values in label_values.items():
         values = np.nan if values is None else np.asarray(values, dtype=float)
         columns[name] = np.where(touch, values, 0.0 if name == "force_N" else np.nan)
+    reported = np.nan if force_N is None else np.asarray(force_N, dtype=float)
+    untouched_force = np.where(touch, np.nan, reported)
+    if np.nan_to_num(untouched_force).any():
+        columns[UNTOUCHED_FORCE] = untouched_force
     return pd.DataFrame(columns)
 
 

@@ -24,7 +24,7 @@ class ConductivityDrift(SkinEffect):
 
     name = "conductivity-drift"
     driver = "time"
-    parameters = {"per_minute": Parameter("1/min", 0.0, -0.1, 0.1, scale=1e-3, dense=False)}
+    parameters = {"per_minute": Parameter("1/min", 0.0, -1.0, 1.0, scale=0.01, dense=False)}
     source = "Hardman, Thuruthel, Iida 2025"
     mend = "let the gel settle and keep it from drying"
     finding = "The gel's conductivity changes by {per_minute:%} per minute."

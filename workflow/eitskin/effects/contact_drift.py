@@ -11,7 +11,7 @@ class ContactDrift(SkinEffect):
     driver = "time"
     sites = ("electrodes",)
     on_contacts = True
-    parameters = {"per_minute": Parameter("1/min", 0.0, -0.1, 0.1, scale=0.01)}
+    parameters = {"per_minute": Parameter("1/min", 0.0, -1.0, 5.0, scale=0.03)}
     source = "Hardman, Thuruthel, Iida 2025"
     mend = "wet and re-seat electrode {site}"
     finding = "The contact impedance of {site} changes by {per_minute:%} per minute."

@@ -13,7 +13,6 @@ from eitskin.diagnose.fitting.linearisation import linearised_rig_errors
 from eitskin.diagnose.fitting.touches import is_proportional
 from eitskin.diagnose.noise import component_sds, scoring, whitening
 from eitskin.diagnose.noise.component_sds import (
-    LARGEST,
     LEAST_GAIN,
     component_intervals,
     learn_error_sds,
@@ -249,9 +248,9 @@ def test_no_size_beyond_what_a_rig_can_have(name):
     residual = drawn(rig, {name: large}, np.random.default_rng(5))
     size = learn_error_sds(rig, residual, {})[0][name] / rig.prior_sds[name]
     if COMPONENTS[name].discrepancy:  # which stands for all that has no name
-        assert 3.0 * LARGEST < size < 1.5 * 20.0
+        assert 3.0 * NoiseComponent.largest < size < 1.5 * 20.0
     else:
-        assert 0.8 * LARGEST < size < LARGEST + 1e-9
+        assert 0.8 * NoiseComponent.largest < size < NoiseComponent.largest + 1e-9
 
 
 def assert_no_start_matters(names, start):

@@ -26,6 +26,7 @@ EXAMINATIONS = (  # of a recording with readings
     suspicions.constant_frames,
     suspicions.copied_frames,
     suspicions.lost_forces,
+    suspicions.load_cell_zero,
     suspicions.unseen_touches,
     suspicions.unlabelled_touches,
     suspicions.second_touch,

@@ -90,7 +90,7 @@ def _response(recording: Recording, is_measured: np.ndarray) -> _Response | None
     if not touch.any() or recording.metadata["position_frame"] != "skin":
         return None
     try:
-        change = baseline.changes(recording, "recording")[touch]
+        change = baseline.steady_changes(recording, "recording")[touch]
     except InputError:  # a session without an untouched frame
         return None
     places = frames.loc[touch, ["x_mm", "y_mm"]].to_numpy(float) @ np.array([1.0, 1.0j])

@@ -1,17 +1,20 @@
-"""Forces that fall away while the readings say that the probe still presses: a load cell that lost
-its signal."""
+"""Load cells that lost their signal, for forces fall away while the readings say that the probe
+still presses; and load cells whose zero is off, for they report a force where nobody touches."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from eitskin.data import baseline
 from eitskin.data.check.measures import reading_variance
-from eitskin.data.recording import Recording, presses
+from eitskin.data.recording import UNTOUCHED_FORCE, Recording, presses
 from eitskin.errors import InputError
 
 MAX_FORCE_SHARE = 0.1  # of the press's force before, to which the force falls
 MIN_CHANGE_SHARE = 0.6  # of the change before: a contact law F^0.5 leaves a third of it
 MIN_FRAMES = 3  # of a press
 MIN_CHANGE_SD = 5.0  # of the change along the press's own, by noise
+LEAST_ZERO_N, ZERO_SDS = 0.02, 3.0  # off 0 in newtons, and in standard errors of the mean
 
 
 def lost_forces(recording: Recording) -> np.ndarray:
@@ -21,7 +24,7 @@ def lost_forces(recording: Recording) -> np.ndarray:
     None where forces are unknown.
     """
     try:
-        change = np.nan_to_num(baseline.changes(recording, "recording"))
+        change = np.nan_to_num(baseline.steady_changes(recording, "recording"))
     except InputError:  # a session without an untouched frame
         return np.zeros(0, int)
     force = recording.frames["force_N"].to_numpy(float)
@@ -45,3 +48,26 @@ def lost_forces(recording: Recording) -> np.ndarray:
             elif amplitude[k] > max(least, MIN_CHANGE_SHARE * amplitude[usual]):
                 lost_rows.append(int(rows[k]))
     return np.array(sorted(lost_rows), int)
+
+
+@dataclass(frozen=True)
+class LoadCellZero:
+    """Force that a load cell reports of an untouched skin: the median of some frames, the least and
+    the largest, in N."""
+
+    median_N: float
+    least_N: float
+    largest_N: float
+    frames: int
+
+
+def load_cell_zero(recording: Recording) -> LoadCellZero | None:
+    """The zero of a load cell where it is off; None where it is not, or nobody says."""
+    if UNTOUCHED_FORCE not in recording.frames:
+        return None
+    force = recording.frames[UNTOUCHED_FORCE].dropna().to_numpy(float)
+    median = float(np.median(force)) if len(force) else 0.0
+    error = float(force.std() / np.sqrt(len(force))) if len(force) else 0.0
+    if abs(median) < max(LEAST_ZERO_N, ZERO_SDS * error):
+        return None
+    return LoadCellZero(median, float(force.min()), float(force.max()), len(force))

@@ -55,7 +55,7 @@ def unseen_touches(recording: Recording) -> UnseenTouches | None:
     if recording.metadata["values"] == "difference":
         return None
     try:
-        change = baseline.changes(recording, "recording")
+        change = baseline.steady_changes(recording, "recording")
     except InputError:  # a session without an untouched frame
         return None
     touch = recording.frames["touch"].to_numpy(dtype=bool)

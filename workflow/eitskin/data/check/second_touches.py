@@ -36,7 +36,7 @@ def second_touches(recording: Recording) -> list[np.ndarray]:
     if skin.electrode_deg is None or skin.radius_mm is None:
         return []
     try:
-        change = baseline.changes(recording, "recording")
+        change = baseline.steady_changes(recording, "recording")
     except InputError:  # a session without an untouched frame
         return []
     press = presses(recording)

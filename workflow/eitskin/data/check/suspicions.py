@@ -22,7 +22,7 @@ from eitskin.data.check import (
 )
 from eitskin.data.check.finding import ERROR, WARNING, Finding
 from eitskin.data.recording import Recording
-from eitskin.quantities import listed, percent
+from eitskin.quantities import MINUS, listed, percent
 
 MAX_STEPS = 5  # told one by one: more are no mishap of a recording
 
@@ -120,6 +120,22 @@ def lost_forces(recording: Recording) -> list[Finding]:
         " amplifier, and leave these frames out."
     )
     return [Finding("lost force", WARNING, sentence, lowest, frame=int(rows[0]))]
+
+
+def load_cell_zero(recording: Recording) -> list[Finding]:
+    """A force where nobody touches (value: its median in N)."""
+    zero = loads.load_cell_zero(recording)
+    if zero is None:
+        return []
+    values = zero.median_N, zero.least_N, zero.largest_N
+    median, least, largest = (f"{value:.2f}".replace("-", MINUS) for value in values)
+    spread = "" if least == largest else f" ({least} to {largest} N)"
+    frames = "1 untouched frame reports" if zero.frames == 1 else "untouched frames report"
+    sentence = (
+        f"{frames} {median} N{spread}: the load cell's zero is off, and the forces of"
+        " touches probably as much. Subtract it, or tare the load cell before each session."
+    )
+    return [Finding("zero", WARNING, sentence, zero.median_N)]
 
 
 def constant_frames(recording: Recording) -> list[Finding]:

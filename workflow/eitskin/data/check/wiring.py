@@ -189,7 +189,7 @@ def _strong_changes(recording: Recording) -> np.ndarray | None:
         return None
     try:
         rows = alignment.strongest_touches(recording)
-        changes = baseline.changes(recording, "recording")[rows]
+        changes = baseline.steady_changes(recording, "recording")[rows]
     except InputError:  # a session without an untouched frame
         return None
     return changes if np.isfinite(changes).any() and len(rows) >= MIN_TOUCHES else None
@@ -314,7 +314,7 @@ def misplaced(recording: Recording) -> Misplaced | None:
     if turn is not None and turn.severity == ERROR:
         return None
     try:
-        change = np.nan_to_num(baseline.changes(recording, "recording"))
+        change = np.nan_to_num(baseline.steady_changes(recording, "recording"))
     except InputError:  # a session without an untouched frame
         return None
     size = (change**2).sum(axis=1)

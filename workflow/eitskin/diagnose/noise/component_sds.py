@@ -22,7 +22,6 @@ ROUNDS = 8  # of scoring at most: it converges in three or four
 REFIT_ROUNDS = 2  # where a component was taken out: the others are near their optimum
 SHORTENING, LEAST_SHARE = 0.3, 0.05  # of a step that does not help; shares below are not tried
 LARGEST_LOG_SD = 2.0  # of a variance: by then an interval spans a factor of 50 and says nothing
-LARGEST = 3.0  # times the prior's sd: more is no ordinary rig
 LEAST_GAIN = 0.5  # nats that a component must be worth: half a chi squared of one, its mean
 # A component is not tried without where it is worth so many nats, by the quadratic of its scoring,
 # or has the sd at which learning began, within a factor.
@@ -197,7 +196,7 @@ class _Climb:
 
     def _step(self, error_sds: Mapping[str, float], scoring: Scoring, names: list[str]) -> _Step:
         """The step of Fisher scoring in the variances of some components, none of them negative or
-        larger than LARGEST allows; a discrepancy has no such bound."""
+        larger than its `largest`."""
         slope, information = scoring.slope(self.residual), scoring.information
         unit = np.array([self.rig_errors.prior_sds[name] ** 2 for name in names])
         slope, information = slope * unit - 0.5, information * np.outer(unit, unit)
@@ -206,7 +205,7 @@ class _Climb:
         eigenvalues, eigenvectors = np.linalg.eigh(information / np.outer(scale, scale))
         root = np.sqrt(np.maximum(eigenvalues, LEAST_EIGENVALUE))[:, None] * eigenvectors.T * scale
         optimum = np.linalg.solve(root.T, information @ start + slope)
-        largest = [np.inf if COMPONENTS[name].discrepancy else LARGEST**2 for name in names]
+        largest = [COMPONENTS[name].largest ** 2 for name in names]
         variances = np.minimum(nnls(root, optimum)[0], largest)
         positive = np.flatnonzero(variances)
         covariance = np.linalg.inv((root.T @ root)[np.ix_(positive, positive)])

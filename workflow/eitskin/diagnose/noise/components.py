@@ -37,7 +37,8 @@ class NoiseComponent(ABC):
     without a name, no error of a rig; it never enters the chi squared of a verdict.
     every_frame: the component that moves readings alike, independently from frame to frame; "" for
     none. alike: which of the K errors, if all that it acts on have it alike, a calibration or an
-    effect can do as well; their size tells nothing of the sd.
+    effect can do as well; their size tells nothing of the sd. largest: times the prior's sd, that
+    the sd may be: more is no ordinary rig.
     """
 
     name: ClassVar[str]
@@ -51,6 +52,7 @@ class NoiseComponent(ABC):
     discrepancy: ClassVar[bool] = False
     every_frame: ClassVar[str] = ""
     alike: ClassVar[slice] = slice(0)
+    largest: ClassVar[float] = 3.0
 
     def affected_frames(self, linearisation: Linearisation) -> np.ndarray:
         """(N,) bool: frames that the error acts on; all."""
@@ -141,7 +143,7 @@ def component(kind: type[NoiseComponent]) -> type[NoiseComponent]:
 
 
 # Priors: what is ordinary on the benches whose recordings this was developed with; a rig may have
-# three times as much (`component_sds.LARGEST`).
+# `largest` times as much.
 
 
 @component
@@ -178,6 +180,7 @@ class GainWalk(NoiseComponent):
     least_frames = LEAST_FRAMES
     common_mode = True
     alike = slice(1)  # the mean, which a conductivity is as well
+    largest = 30.0  # a gel that dries in the session
     every_frame = AmplitudePerFrame.name
 
     def waves(self, elapsed: np.ndarray) -> np.ndarray:
@@ -266,6 +269,7 @@ class StaticDiscrepancy(NoiseComponent):
     name, unit, prior_sd, acts_on = "static-discrepancy", "1", 2e-2, "channel"
     lasting = True
     discrepancy = True
+    largest = np.inf
 
     def is_present(self, linearisation: Linearisation) -> bool:
         """Whether readings are signed, and no differences."""
@@ -302,6 +306,7 @@ class TouchDiscrepancy(NoiseComponent):
     least_frames = 1
     lasting = True
     discrepancy = True
+    largest = np.inf
 
     def affected_frames(self, linearisation: Linearisation) -> np.ndarray:
         """(N,) bool: touched frames."""

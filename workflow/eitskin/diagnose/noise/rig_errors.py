@@ -132,8 +132,8 @@ class RigErrors:
         without a name. fitted: in the form for fits, which follows lasting errors into the channels
         that the errors of frames and presses carry them to (`NoiseComponent.weights`). restricted:
         in the form for learning sds, with `shared_columns` beside the components: what all presses
-        or frames share may be an effect's, and tells nothing of how they differ. A whitening that is still in
-        use elsewhere is returned again, with the factors that it has computed.
+        or frames share may be an effect's, and tells nothing of how they differ. A whitening that
+        is still in use elsewhere is returned again, with the factors that it has computed.
         """
         positive = {k: v for k, v in error_sds.items() if v > 0.0 and k in self.columns}
         fitted = fitted and any(COMPONENTS[name].lasting for name in positive)
