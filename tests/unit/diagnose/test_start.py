@@ -76,6 +76,27 @@ def test_a_tone_is_one_of_as_many_as_were_looked_at():
     assert tones.at_frequency(tone, 50.0, model).looks == looks > 100
 
 
+@pytest.mark.parametrize("shared_sd", [0.0, 2.0])
+def test_noise_has_a_line_no_more_often_than_is_said(shared_sd):
+    time_s, draw = 0.5 * np.arange(60), np.random.default_rng(5)
+    p_values = []
+    for _ in range(200):
+        shared = draw.normal(size=(60, 1)) * np.sin(0.3 * np.arange(40))
+        weighted = draw.normal(size=(60, 40)) + shared_sd * shared
+        _, looks, prominence = tones.strongest(weighted, time_s, 0.4)
+        p_values.append(tones.line_p_value(prominence, looks))
+    for level in (1e-3, 0.1):
+        assert np.mean(np.array(p_values) < level) <= level + 2.0 * np.sqrt(level / 200)
+
+
+def test_a_weak_tone_is_a_line():
+    time_s, draw = 0.5 * np.arange(100), np.random.default_rng(6)
+    moments = time_s[:, None] + 0.4 / 40 * np.arange(40)
+    weighted = draw.normal(size=(100, 40)) + 0.2 * np.sin(2 * np.pi * 17.3 * moments)
+    frequency, looks, prominence = tones.strongest(weighted, time_s, 0.4)
+    assert abs(frequency - 17.3) < 0.02 and tones.line_p_value(prominence, looks) < 1e-3
+
+
 def test_an_effect_that_is_not_sought_begins_nothing():
     timeless = candidates_of(RECORDED, PROBLEM, SCALES, timed=False)
     drift = {"name": "conductivity-drift", "parameters": {"per_minute": 1e-4}}

@@ -141,13 +141,14 @@ SIGNATURE = Gate(
 )
 LINE = Gate(
     "line",
-    "power of the tone over the median of the frequencies around it",
-    20.0,
-    "above",
+    "probability that noise as strong as at the frequencies around has a line of such power",
+    1e-3,
+    "below",
     "evidence",
-    "exponential distribution of a periodogram: 20 medians are a chance of 1e-6 a frequency",
+    "exponential distribution of a periodogram, over all independent frequencies; as `chance`",
     "tones",
-    "its power is {value} times that of the frequencies around it; a line is above {threshold}",
+    "noise as strong as at the frequencies around it has a line of such power in {value} of"
+    " recordings; a tone is below {threshold}",
 )
 REACH = Gate(
     "reach",

@@ -21,9 +21,9 @@ def score(
     tangents: Tangents, effect: Effect, skin: Skin, scales: Scales
 ) -> tuple[screen.Score, float] | None:
     """The strongest tone (Scargle 1982) of the residual, from a quarter of a period a frame to a
-    channel's Nyquist frequency, and its power over that around it, as of `strongest`; None where
-    nobody knows when channels are read, of one channel, whose Nyquist frequency is a frame's, and
-    of fewer than LEAST_FRAMES frames."""
+    channel's Nyquist frequency, and the probability that noise as strong as around it has such a
+    line somewhere (`line_p_value`); None where nobody knows when channels are read, of one channel,
+    whose Nyquist frequency is a frame's, and of fewer than LEAST_FRAMES frames."""
     model = tangents.problem.model
     frame_count = int(tangents.problem.whitening.mask.any(axis=1).sum())
     if not model.frame_s or len(model.channels) < 2 or frame_count < LEAST_FRAMES:
@@ -38,7 +38,15 @@ def score(
     if len(tangents.columns(candidate)) < 2:
         return None
     score_test = screen.score(tangents, candidate)
-    return None if score_test is None else (replace(score_test, choices=looks), prominence)
+    if score_test is None:
+        return None
+    return replace(score_test, choices=looks), line_p_value(prominence, looks)
+
+
+def line_p_value(prominence: float, looks: int) -> float:
+    """Probability that the largest power of noise at so many independent frequencies is at least as
+    many medians: powers of a periodogram have an exponential distribution."""
+    return float(-np.expm1(looks * np.log1p(-(0.5**prominence))))
 
 
 def at_frequency(candidate: Candidate, frequency_Hz: float, model: RecordingSimulator) -> Candidate:
