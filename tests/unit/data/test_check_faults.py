@@ -14,6 +14,7 @@ from eitskin.data.check.loads import lost_forces
 from eitskin.data.check.placeholders import measured
 from eitskin.data.check.second_touches import second_touches
 from eitskin.data.check.unlabelled import labelled
+from eitskin.data.check.usable import usable
 from eitskin.data.importers.description import describe
 from eitskin.data.recording import UNTOUCHED_FORCE, Recording, frames_table, presses
 from eitskin.diagnose.parts import diagnose
@@ -90,6 +91,7 @@ def test_copies_of_frames_are_told_and_equal_frames_of_a_coarse_converter_are_no
     recording.voltage[1::2] = recording.voltage[::2]
     assert copies(recording).tolist() == list(range(1, len(recording.voltage), 2))
     assert "17 frames (1, 3, 5, ...) are copies" in finding(recording, "copies").sentence
+    assert usable(recording)[0].frames["frame"].tolist() == list(range(0, 34, 2))
     quiet = small_recording(noise=1e-6)
     step = np.abs(quiet.voltage).max() / 128
     quiet.voltage = np.round(quiet.voltage / step) * step
@@ -105,6 +107,7 @@ def test_a_force_that_falls_while_the_probe_presses_on_is_told():
         "force_N falls to 0.05 N in 2 frames (11 to 12)"
         in finding(recording, "lost force").sentence
     )
+    assert set(range(34)) - {*usable(recording)[0].frames["frame"]} == {11, 12}
 
 
 def test_places_in_another_order_than_the_presses_do_not_belong_to_the_readings():

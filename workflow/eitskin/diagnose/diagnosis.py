@@ -5,8 +5,8 @@ from dataclasses import replace
 
 from threadpoolctl import threadpool_limits
 
-from eitskin.data.check.placeholders import measured
-from eitskin.data.check.unlabelled import labelled, stretch_text
+from eitskin.data.check.unlabelled import stretch_text
+from eitskin.data.check.usable import usable
 from eitskin.data.recording import Recording, voltages
 from eitskin.diagnose.fitting.excerpt import LIMIT_GIB, excerpt
 from eitskin.diagnose.fitting.held_out import error_units
@@ -29,8 +29,8 @@ def diagnose(
 ) -> Diagnosis:
     """Diagnose a recording: locate, name and model what its simulation leaves out.
 
-    Frames in which somebody touched though no label tells, and numbers that stand for readings that
-    there are not, are left out. Of a long recording, an excerpt, as long as memory_GiB are expected
+    What the check leaves out is left out (`usable`): frames in which somebody touched though no
+    label tells, copies, frames whose load cell lost its signal, numbers that are no readings. Of a long recording, an excerpt, as long as memory_GiB are expected
     to allow; a search on a few frames of it is where that on all begins, or the effects of an
     earlier diagnosis where these explain it: each has to be borne out. opened: pairs of a gate's
     and an effect's name, for which the gate lets everything pass. Equal arguments give equal
@@ -57,7 +57,7 @@ def _diagnosed(
         if progress:
             print(f"  {line}", file=sys.stderr, flush=True)
 
-    recording, unlabelled = labelled(measured(recording))
+    recording, unlabelled = usable(recording)
     for frames in unlabelled:
         report(f"a touch without a label in {stretch_text(frames)}, left out")
     count = len(recording.frames)

@@ -13,9 +13,8 @@ from itertools import pairwise
 import numpy as np
 
 from eitskin.data import subset
-from eitskin.data.check.placeholders import measured
 from eitskin.data.check.steps import steps
-from eitskin.data.check.unlabelled import labelled
+from eitskin.data.check.usable import usable
 from eitskin.data.recording import Recording
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.compare.result import comparison
@@ -43,7 +42,7 @@ def diagnose(
     Raises InputError as `diagnosis.diagnose` does; where no part can be diagnosed, that of the
     longest.
     """
-    recording, unlabelled = labelled(measured(recording))
+    recording, unlabelled = usable(recording)
     first_rows = [step.frame for step in steps(recording)]
     if not first_rows:
         whole = diagnosis.diagnose(recording, seed, progress, memory_GiB, earlier)
