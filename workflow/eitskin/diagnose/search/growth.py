@@ -119,14 +119,11 @@ def grown(search: Search, calibration: Explanation, begin: Explanation | None = 
     if unlike:
         search.journal.step(UNLIKE_STEP, None, calibration)
         return search, calibration, calibration
-    free = _with_free_channels(search, explanation)
-    if free is not None:
-        search = replace(search, rival_evidence=free.log_evidence)
     best = _without_freedom(search, explanation, _grown_and_stood(search, explanation))
     # What is unfinished has not lost to free channels.
-    if free is not None and free.log_evidence > best.log_evidence and not search.spent:
+    free = None if search.spent else _with_free_channels(search, explanation)
+    if free is not None and free.log_evidence > best.log_evidence:
         search.journal.step("swap", free.effects[-1], free)
-        search = replace(search, rival_evidence=-np.inf)
         best = _grown_and_stood(search, _drop(search, free))
     return search, calibration, best
 
