@@ -143,6 +143,49 @@ def test_presses_with_a_second_touch_that_no_label_tells_are_found_and_left_out(
     assert not second_touches(two_touches(0.0)[0])
 
 
+@pytest.mark.parametrize("digits", [2, 3])
+def test_readings_of_few_digits_are_neither_stuck_nor_clipped(make_recording, digits):
+    recording = make_recording(presses=0, noise=1e-5)
+    largest = np.abs(recording.voltage).max()
+    recording.voltage = np.round(recording.voltage / largest * 10**digits) / 10**digits
+    told = {item.topic for item in check.check(recording).findings if item.severity != FACT}
+    assert told.isdisjoint({"stuck", "clipped", "placeholder"})
+    assert "digits are too few" in finding(recording, "noise").sentence
+
+
+def test_a_channel_that_never_changes_among_others_that_do_is_stuck():
+    recording = small_recording()
+    recording.voltage[:, 7] = recording.voltage[0, 7]
+    assert finding(recording, "stuck").sentence.endswith("never changes: stuck or dead.")
+
+
+@pytest.mark.parametrize("corner_mm", [(40.0, 40.0), (45.0, 55.0), (0.0, -60.0)])
+def test_places_that_are_not_counted_from_the_centre_are_told(make_recording, corner_mm):
+    recording = make_recording(presses=12)
+    radius_mm = recording.skin.radius_mm
+    skin = recording.metadata["skin"] | {"radius_mm": None}
+    recording.metadata = recording.metadata | {"skin": skin}
+    assert finding(recording, "numbering").severity == FACT
+    shift_mm = np.array(corner_mm) * radius_mm / 40.0
+    recording.frames[["x_mm", "y_mm"]] += shift_mm
+    told = finding(recording, "numbering")
+    assert told.severity == ERROR and "not counted from the skin's centre" in told.sentence
+    centre_mm = wiring.numbering(recording).centre_mm
+    assert np.abs(np.array(centre_mm) - shift_mm).max() < 0.1 * radius_mm
+
+
+def test_one_channel_shows_no_direction(make_recording):
+    recording = make_recording(presses=12)
+    metadata = recording.metadata | {"channels": recording.metadata["channels"][:1]}
+    few = replace(recording, voltage=recording.voltage[:, :1], metadata=metadata)
+    assert wiring.numbering(few) is None
+
+
+def test_noise_as_large_as_readings_is_told(make_recording):
+    recording = make_recording(presses=0, noise=1.0)
+    assert finding(recording, "noise").severity == WARNING
+
+
 DRIFTS = {
     "rises": lambda elapsed: 1.0 + 0.17 * elapsed,
     "falls": lambda elapsed: np.exp(-0.35 * elapsed),
@@ -161,6 +204,14 @@ def test_readings_that_drift_together_still_show_touches_at_their_places(
     report = check.check(recording)
     assert report.ok and not report.of_severity(WARNING)
     assert abs(wiring.numbering(recording).turn_deg) < 2.0
+
+
+@pytest.mark.parametrize("ratio", [2.0, 0.5])
+def test_a_radius_stated_as_a_diameter_is_named(ratio):
+    probe = {"name": "probe-radius", "parameters": {"ratio": ratio}}
+    (effect,) = document(diagnose(small_recording(probe, noise=3e-4)), "probe")["effects"]
+    assert effect["name"] == "probe-radius" and effect["certain"]
+    assert np.isclose(effect["parameters"]["ratio"]["value"], ratio, rtol=0.01)
 
 
 @pytest.mark.long

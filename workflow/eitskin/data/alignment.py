@@ -47,6 +47,13 @@ class Similarity:
         skin = turn * (np.conj(robot) if self.is_mirrored else robot) + complex(*self.shift)
         return skin.real, skin.imag
 
+    def robot_place(self, x: float, y: float) -> tuple[float, float]:
+        """The robot's coordinates of a place in the skin's."""
+        turn = self.scale * np.exp(1j * np.deg2rad(self.rotation_deg))
+        robot = (complex(x, y) - complex(*self.shift)) / turn
+        robot = np.conj(robot) if self.is_mirrored else robot
+        return float(robot.real), float(robot.imag)
+
 
 def homogeneous_readings(channels: np.ndarray, electrode_deg: np.ndarray) -> np.ndarray:
     """Readings (M,) of the untouched disc with point electrodes, in units of current / sheet

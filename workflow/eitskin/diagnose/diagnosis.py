@@ -30,12 +30,12 @@ def diagnose(
     """Diagnose a recording: locate, name and model what its simulation leaves out.
 
     What the check leaves out is left out (`usable`): frames in which somebody touched though no
-    label tells, copies, frames whose load cell lost its signal, numbers that are no readings. Of a long recording, an excerpt, as long as memory_GiB are expected
-    to allow; a search on a few frames of it is where that on all begins, or the effects of an
-    earlier diagnosis where these explain it: each has to be borne out. opened: pairs of a gate's
-    and an effect's name, for which the gate lets everything pass. Equal arguments give equal
-    results, bit for bit. Raises InputError where nothing can be simulated, and where it would take
-    more memory.
+    label tells, copies, frames whose load cell lost its signal, numbers that are no readings. Of a
+    long recording, an excerpt, as long as memory_GiB are expected to allow; a search on a few
+    frames of it is where that on all begins, or the effects of an earlier diagnosis where these
+    explain it: each has to be borne out. opened: pairs of a gate's and an effect's name, for which
+    the gate lets everything pass. Equal arguments give equal results, bit for bit. Raises
+    InputError where nothing can be simulated, and where it would take more memory.
     """
     # Shared out among cores, small products take longer, and their sums are of other bytes.
     with threadpool_limits(1, user_api="blas"):

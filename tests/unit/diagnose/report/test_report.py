@@ -196,9 +196,8 @@ def test_frames_touched_without_a_label_are_told_and_no_excerpt(written):
         diagnosis=evidence.diagnosis | {"noise": noise},
     )
     assert omitted_frames(few) == [
-        "In frames 3 to 5 somebody touched the skin although no label tells; these frames are left"
-        " out.",
-        "In frame 9 somebody touched the skin although no label tells; this frame is left out.",
+        "In frames 3 to 5 there is a touch that no label tells; these frames are left out.",
+        "In frame 9 there is a touch that no label tells; this frame is left out.",
     ]
     count = len(few.frames) - 1
     (_, _, excerpt) = omitted_frames(replace(few, frames=few.frames.iloc[1:]))

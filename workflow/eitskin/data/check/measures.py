@@ -18,6 +18,9 @@ MAX_REPEATED_SHARE = 0.5  # of the table's rows: beyond, it is no table of a mea
 MIN_NOISE_SHARE = 0.3  # of the median channel's noise: a floor for quantised channels
 MIN_REPEATS = 4  # frames of one state, for the noise of each reading
 UNKNOWNS = 3  # x, y and F of a touch
+MAX_CHANCE = 1e-6  # that a channel which is read gives one value all along
+TIED_CHANNELS = 0.9  # quantile of the channels' shares of ties
+MAX_TIES = 0.5  # of successive readings: of more, the digits hide what a ceiling would
 
 
 @dataclass(frozen=True)
@@ -149,11 +152,12 @@ class LostReadings:
 
 
 def lost_readings(recording: Recording) -> LostReadings:
-    """Channels with lost readings and channels that never change."""
+    """Channels with lost readings and channels that never change, though by the ties of others they
+    should: rounded readings repeat."""
     values, is_lost = recording.readings, np.isnan(recording.readings)
     is_partly_lost = is_lost.any(axis=0) & ~is_lost.all(axis=0)
-    is_constant = ~is_lost.any(axis=0) & (values == values[:1]).all(axis=0)
-    is_stuck = is_constant & (len(values) > 2 and not is_constant.all())
+    is_stuck = ~is_lost.any(axis=0) & (values == values[:1]).all(axis=0)
+    is_stuck &= tie_share(values) ** (len(values) - 1) <= MAX_CHANCE
     of_unplugged = np.zeros(is_lost.shape[1], bool)
     for electrode in unplugged(recording):
         of_unplugged[electrode.channels] = True
@@ -169,6 +173,17 @@ def lost_readings(recording: Recording) -> LostReadings:
     )
 
 
+def tie_share(values: np.ndarray) -> float:
+    """Probability that a channel reads the same twice in a row: that of the channels (N, M) with
+    most ties among those that change, their share of ties by Laplace's rule; 1 where none changes.
+    """
+    is_changing = (values != values[:1]).any(axis=0) & np.isfinite(values).all(axis=0)
+    if not is_changing.any():
+        return 1.0
+    ties = (values[1:, is_changing] == values[:-1, is_changing]).sum(axis=0)
+    return float(np.quantile((ties + 1) / (len(values) + 1), TIED_CHANNELS))
+
+
 @dataclass(frozen=True)
 class ClippedChannels:
     """Channels clipped at a ceiling, the ceiling, and their share of all channels."""
@@ -182,7 +197,8 @@ def clipped_channels(recording: Recording) -> ClippedChannels | None:
     """Channels clipped at a ceiling.
 
     The largest |reading| must recur exactly in CLIPPED_FRAMES different frames, and more than twice
-    as often as any other reading above 90 % of it. None for recordings of differences.
+    as often as any other reading above 90 % of it; none where rounding makes other channels repeat
+    as well. None for recordings of differences.
     """
     if recording.metadata["values"] == "difference":
         return None
@@ -200,7 +216,8 @@ def clipped_channels(recording: Recording) -> ClippedChannels | None:
     max_repeats = counts.max() if len(large_sizes) else 0
     is_varying = (channel_sizes < ceiling).any() or len(channels) > 1
     is_frequent = at_ceiling.any(axis=1).sum() >= CLIPPED_FRAMES
-    if not (is_frequent and is_varying and at_ceiling.sum() > 2 * max_repeats):
+    is_resolved = tie_share(recording.readings[:, ~at_ceiling.any(axis=0)]) <= MAX_TIES
+    if not (is_frequent and is_resolved and is_varying and at_ceiling.sum() > 2 * max_repeats):
         channels = channels[:0]
     return ClippedChannels(channels, float(ceiling), len(channels) / sizes.shape[1])
 

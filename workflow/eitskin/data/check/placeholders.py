@@ -15,7 +15,9 @@ SCPI = (9.9e37, 9.91e37)  # infinity and not a number (SCPI 1999, 7.2.1.4)
 MAX_VALUES = 8  # placeholders of one recording
 FAR, FARTHEST = 2.0, 100.0  # times the largest other reading: of two equal ones, of a single one
 MAX_SHARE = 0.5  # of a channel's frames: a reading that is usual is none's placeholder
-MIN_OTHERS = 3  # readings of a channel, for their range
+MIN_OTHERS = 3  # frames of a recording whose channels may all be silent
+MIN_RANGE = 8  # readings of a channel beside its zeros, for their range
+MIN_DISTINCT = 20  # readings of a channel, none like another: no digit is too few for a 0
 MIN_ZERO_GAP = 0.1  # of the median |reading|: a smaller channel may read 0
 SILENT = 0.01  # of the median |reading|: all of a channel below it is no reading
 MIN_CHANNELS = 3  # of an electrode
@@ -84,14 +86,14 @@ def _largest(values: np.ndarray, where: np.ndarray) -> float:
 
 def _zeros(values: np.ndarray, is_read: np.ndarray) -> np.ndarray:
     """(N, M) bool: zeros of channels that never come near 0, and of those whose readings else never
-    repeat; none where fewer than two are of the former."""
+    repeat, MIN_DISTINCT or more; none where fewer than two are of the former."""
     mask = is_read & (values == 0.0)
     share = mask.mean(axis=0)
     rows = np.flatnonzero((share > 0.0) & (share <= MAX_SHARE))
     is_other = is_read[:, rows] & ~mask[:, rows]
     rows, is_other = (
-        rows[is_other.sum(axis=0) >= MIN_OTHERS],
-        is_other[:, is_other.sum(axis=0) >= MIN_OTHERS],
+        rows[is_other.sum(axis=0) >= MIN_RANGE],
+        is_other[:, is_other.sum(axis=0) >= MIN_RANGE],
     )
     if not len(rows):
         return np.zeros_like(mask)
@@ -105,7 +107,7 @@ def _zeros(values: np.ndarray, is_read: np.ndarray) -> np.ndarray:
         return np.zeros_like(mask)
     is_continuous = np.array(
         [
-            len(np.unique(column[read])) == read.sum()
+            len(np.unique(column[read])) == read.sum() >= MIN_DISTINCT
             for column, read in zip(others.T, is_other.T, strict=True)
         ]
     )

@@ -22,6 +22,7 @@ SKIN = {  # key: its name, its unit
     "current_A": ("current", "A"),
     "contrast_per_N": ("contrast", "1/N"),
 }
+MAX_NOISE = 0.5  # of the median reading
 MISSING = {  # key of `missing_information`: topic, sentence, frames to add
     "absolute": (
         "absolute",
@@ -239,7 +240,8 @@ def lost_readings(recording: Recording) -> list[Finding]:
     if not findings:
         findings.append(_fact("lost", "no reading is lost.", 0.0))
     if len(losses.stuck):
-        sentence = f"{naming.channels(recording, losses.stuck)} never change: stuck or dead."
+        verb = "changes" if len(losses.stuck) == 1 else "change"
+        sentence = f"{naming.channels(recording, losses.stuck)} never {verb}: stuck or dead."
         findings.append(Finding("stuck", WARNING, sentence, len(losses.stuck) / losses.channels))
     return findings
 
@@ -285,6 +287,11 @@ def noise(recording: Recording) -> list[Finding]:
         )
         if estimate.between_presses:
             sentence += " with presses between them, so recovery after a press is in it"
+        if estimate.sigma == 0.0:
+            sentence += "; the readings' digits are too few to show it"
+        if estimate.sigma > MAX_NOISE * level:
+            sentence += "; of so noisy readings little can be told"
+            return [Finding("noise", WARNING, sentence + ".", estimate.sigma)]
         return [_fact("noise", sentence + ".", estimate.sigma)]
     bound = measures.noise_bound(recording)
     if bound is None:
@@ -385,7 +392,9 @@ def channel_order(recording: Recording) -> list[Finding]:
 def _in_words(misfit: Misfit) -> str:
     if misfit.reciprocity is not None:
         change_text = percent(misfit.reciprocity)
-        return f"exchanging drive and measurement changes readings by {change_text} rms"
+        return (
+            f"exchanging drive and measurement changes readings by {change_text} rms beyond noise"
+        )
     clauses = []
     if misfit.reversal is not None:
         clauses.append(
@@ -425,7 +434,14 @@ def numbering(recording: Recording) -> list[Finding]:
     )
     if fit.is_lost:
         sentence += " No turn brings them there: places and readings may not belong together."
-    if fit.severity == ERROR and fit.is_mirrored:
+    if fit.centre_mm is not None:
+        place_text = ", ".join(quantity(value, "mm") for value in fit.centre_mm)
+        sentence = (
+            "places are not counted from the skin's centre: touches light up as if that were at"
+            f" ({place_text}), in the file's coordinates. Subtract it, or state"
+            " position_frame: robot."
+        )
+    elif fit.severity == ERROR and fit.is_mirrored:
         sentence = (
             "wrong electrode numbering: touches light up mirrored; numbers run the other way round."
             " State skin.electrode_deg clockwise, or mirror the labelled places."

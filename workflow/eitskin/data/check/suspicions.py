@@ -101,8 +101,8 @@ def copied_frames(recording: Recording) -> list[Finding]:
     sentence = (
         f"{naming.frames(rows)} {verb}, to the last digit of every channel, of an earlier frame:"
         " the instrument, its driver or the file repeats itself, and what these frames say of"
-        " force, time and noise is not measured. A diagnosis leaves them out; ask the driver for new"
-        " frames only."
+        " force, time and noise is not measured. A diagnosis leaves them out; ask the driver for"
+        " new frames only."
     )
     share = len(rows) / len(recording.frames)
     return [Finding("copies", WARNING, sentence, share, frame=int(rows[0]))]

@@ -32,7 +32,9 @@ MIN_IMPROVEMENT = 3.0  # factor by which another order must fit better: orders d
 TIE_FACTOR = 1.5  # of the best misfit: orders within it cannot be told apart
 EXCHANGED_CORRELATION = -0.5  # with a disc's readings: near 1 by a right table, -1 by a wrong one
 MAX_RESIDUAL_RADII = 0.25  # median distance of hotspots: beyond, they show no places
+MAX_SHIFT_RADII = 0.5  # of the centre: no drawing is off by as much
 MIN_TOUCHES = 20  # for medians over touches
+MIN_CHANNELS = 8  # fewer show no direction
 MAX_FAULTY = 2  # electrodes, or pairs of them, without which the others keep reciprocity
 MIN_PRESSES, MAX_PRESSES = 4, 500  # whose places are compared with hotspots
 MAX_PLACE_RADII = 0.1  # from a hotspot to its place: a grid step, and a probe beside it
@@ -235,7 +237,8 @@ class Numbering:
 
     `turn_deg` is counter-clockwise, `pitch_deg` the angle between electrodes, `residual_radii` the
     median distance after that turn, in radii; `is_clear` where it is small and much smaller than
-    that of the other handedness; `is_lost` where no turn brings them to their places.
+    that of the other handedness; `is_lost` where no turn brings them to their places. `centre_mm`:
+    where the stated coordinates have the skin's centre, None where that is at their origin.
     """
 
     touches: int
@@ -245,10 +248,14 @@ class Numbering:
     is_mirrored: bool
     is_clear: bool
     is_lost: bool
+    centre_mm: tuple[float, float] | None
 
     @property
     def severity(self) -> str:
-        """An error where places are clearly mirrored or turned by an electrode or more."""
+        """An error where places are clearly mirrored, turned by an electrode or more or counted
+        from elsewhere."""
+        if self.centre_mm is not None:
+            return ERROR
         if self.is_clear and (self.is_mirrored or abs(self.turn_deg) > 0.75 * self.pitch_deg):
             return ERROR
         return WARNING if abs(self.turn_deg) > 0.25 * self.pitch_deg or not self.is_clear else FACT
@@ -257,18 +264,28 @@ class Numbering:
 def numbering(recording: Recording) -> Numbering | None:
     """Whether hotspots of touches are at their stated places.
 
-    None where places are not in the skin's frame, angles are unknown or touches are few.
+    None where places are not in the skin's frame, angles are unknown, touches are few or channels
+    are fewer than MIN_CHANNELS.
     """
     skin = recording.skin
     touched = int(recording.frames["touch"].sum())
     in_skin = recording.metadata["position_frame"] == "skin"
     if not in_skin or skin.electrode_deg is None or touched < MIN_TOUCHES:
         return None
+    if len(recording.channels) < MIN_CHANNELS:
+        return None
     try:
         similarity = alignment.fit(recording)
     except InputError:  # too few strong touches, or all at one place
         return None
     radius = skin.radius_mm or 1.0
+    is_clear = (
+        similarity.residual < MAX_RESIDUAL_RADII * radius
+        and similarity.rival_residual > MIN_IMPROVEMENT * similarity.residual
+    )
+    centre_mm = None
+    if is_clear and np.hypot(*similarity.shift) > MAX_SHIFT_RADII * radius:
+        centre_mm = similarity.robot_place(0.0, 0.0)
     return Numbering(
         touches=similarity.touches,
         turn_deg=similarity.rotation_deg,
@@ -276,8 +293,8 @@ def numbering(recording: Recording) -> Numbering | None:
         residual_radii=similarity.residual / radius,
         is_mirrored=similarity.is_mirrored,
         is_lost=similarity.residual > MAX_RESIDUAL_RADII * radius,
-        is_clear=similarity.residual < MAX_RESIDUAL_RADII * radius
-        and similarity.rival_residual > MIN_IMPROVEMENT * similarity.residual,
+        is_clear=is_clear,
+        centre_mm=centre_mm,
     )
 
 

@@ -222,7 +222,10 @@ def _with_free_channels(search: Search, explanation: Explanation) -> Explanation
                 hopeful.append((candidate, p))
     better = []
     fits = in_processes(
-        search, explanation, lambda pair: with_effect(search, explanation, pair[0]), hopeful
+        search,
+        explanation,
+        lambda pair: with_effect(search, explanation, pair[0], absorbed=True),
+        hopeful,
     )
     for (candidate, p), trial in zip(hopeful, fits, strict=True):
         if isinstance(trial, Explanation) and trial.log_evidence > explanation.log_evidence:

@@ -118,14 +118,14 @@ def sentences(diagnosis: dict) -> list[str]:
 
 
 def unlabelled_sentences(diagnosis: dict) -> list[str]:
-    """A sentence for each stretch of frames of diagnosis.json in which somebody touched though no
-    label tells."""
+    """A sentence for each stretch of frames of diagnosis.json with a touch that no label tells,
+    beside a labelled one or without one."""
     lines = []
     for first, last in diagnosis.get("noise", {}).get("unlabelled", []):
         frames = "this frame is" if first == last else "these frames are"
         lines.append(
-            f"In {stretch_text((first, last))} somebody touched the skin although no label tells;"
-            f" {frames} left out."
+            f"In {stretch_text((first, last))} there is a touch that no label tells; {frames} left"
+            " out."
         )
     return lines
 
