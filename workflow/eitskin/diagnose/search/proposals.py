@@ -190,7 +190,7 @@ def _hopeful_names(
 
 def _with_absorbed(search: Search, explanation: Explanation, listed: list[Score]) -> list[Score]:
     """The best scores of names that would be significant if what one of the rig's errors, or all of
-    them, have taken to themselves were open, the best first, and the listed scores of other names:
+    them, have taken to themselves were open, the best first, and the other listed scores:
     until sds are learned again, what is alike in all presses is the rig's too."""
     best: dict[str, Score] = {}
     names_listed = {score_test.candidate.name for score_test in listed}
@@ -208,7 +208,8 @@ def _with_absorbed(search: Search, explanation: Explanation, listed: list[Score]
             if name not in best or score_test.log_evidence > best[name].log_evidence:
                 best[name] = score_test
     absorbed = sorted(best.values(), key=lambda s: -s.log_evidence)
-    return [*absorbed, *(s for s in listed if s.candidate.name not in best)]
+    keys = {s.candidate.key for s in absorbed}
+    return [*absorbed, *(s for s in listed if s.candidate.key not in keys)]
 
 
 def _without_components(
