@@ -115,6 +115,13 @@ def test_harm_is_asked_of_predictions_as_each_fit_would_make_them(monkeypatch):
     assert np.array_equal(units, error_units(recorded))
 
 
+@pytest.mark.parametrize(("share", "stays"), [(0.85, True), (0.95, False)])
+def test_an_effect_whose_size_may_be_any_is_not_earned(monkeypatch, share, stays):
+    recorded, search, explanation = pressing()
+    monkeypatch.setattr(pruning, "range_share", lambda fitted, index: share)
+    assert bool(earning(search, explanation, recorded).effects) == stays
+
+
 # ---- harm
 
 UNITS = np.repeat(np.arange(8), 10)[:, None] * np.ones((1, 6), int)

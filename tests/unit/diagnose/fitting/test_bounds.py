@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from diagnosed_skin import SCHEMA, diagnosed
-from eitskin.diagnose.fitting.estimates import amounts, calibration, estimates
+from eitskin.diagnose.fitting.estimates import amounts, calibration, estimates, range_share
 from eitskin.diagnose.fitting.fit import fit
 from eitskin.diagnose.fitting.simulator import MAX_SD, UNKNOWN, Calibration
 from eitskin.diagnose.report import page
@@ -172,6 +172,27 @@ def test_a_bound_is_low_or_high_one_a_value(folder, ended):
     said["calibration"]["conductivity_S_per_m"]["at_bound"] = ended
     with pytest.raises(InputError, match=r"calibration\.conductivity_S_per_m\.at_bound"):
         validate(said, SCHEMA, "diagnosis.json")
+
+
+@pytest.mark.parametrize("name", ["relaxation", "contact-impedance"])
+def test_an_interval_of_all_values_holds_the_whole_range(name):
+    recorded = small_recording(noise=0.0, places=1)
+    problem, scales = problem_of(recorded)
+    effect = next(c for c in candidates_of(recorded, problem, scales) if c.name == name)
+
+    def share(sd):
+        theta, covariance = np.full(effect.size, 0.1), sd**2 * np.eye(effect.size)
+        fitted = SimpleNamespace(
+            effects=[effect],
+            theta=theta,
+            covariance=covariance,
+            coordinate_slice=lambda _: slice(0, effect.size),
+        )
+        return range_share(fitted, 0)
+
+    shares = [share(sd) for sd in (1e-3, 1e-2, 1e-1, 100.0)]
+    assert shares == sorted(shares) and shares[0] < 0.01
+    assert np.isclose(shares[-1], 1.0)
 
 
 @cache

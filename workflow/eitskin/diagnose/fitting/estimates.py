@@ -101,6 +101,24 @@ def estimates(fit: Fitted, index: int) -> dict[str, dict]:
     return intervals
 
 
+def range_share(fit: Fitted, index: int) -> float:
+    """Largest share of the range of a size of effect `index`, a parameter with a neutral value,
+    that its 90 % interval holds, of several sites the least; of the logarithm where a parameter
+    stays above 0. 0 where amounts are stated in the place of parameters."""
+    intervals = estimates(fit, index)
+    if amounts(fit, index, intervals):
+        return 0.0
+    shares = [0.0]
+    for key, interval in intervals.items():
+        parameter = fit.effects[index].effect.parameters[key]
+        if parameter.neutral is None:
+            continue
+        scaled = np.log if parameter.low > 0 and not parameter.whole else np.asarray
+        width = scaled(np.array(interval["high"])) - scaled(np.array(interval["low"]))
+        shares.append(float((width / (scaled(parameter.high) - scaled(parameter.low))).min()))
+    return max(shares)
+
+
 def amounts(fit: Fitted, index: int, parameter_estimates: dict[str, dict]) -> dict[str, dict]:
     """The amounts of the combination of effect `index` by name: value, low, high, unit, with the
     errors of the logarithm propagated linearly.

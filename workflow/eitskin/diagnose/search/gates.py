@@ -465,6 +465,17 @@ HARM_ERRORS = Gate(
     "with it the squared error of readings left out grows by {value} standard errors; it stays up"
     " to {threshold}",
 )
+RANGE = Gate(
+    "range",
+    "largest share of the range of a size that its 90 % interval holds",
+    0.9,
+    "at most",
+    "evidence",
+    "an interval that holds nearly every value that a size may have tells none",
+    MEMBER,
+    "the 90 % interval of its size holds {value} of all values that it may have; it stays up to"
+    " {threshold}",
+)
 SURE_GAIN = Gate(
     "sure-gain",
     f"log density of the folds left out, less {STANDARD_ERRORS:g} standard errors, above that of"

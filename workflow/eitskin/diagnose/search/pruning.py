@@ -3,6 +3,7 @@
 import numpy as np
 
 from eitskin.diagnose.fitting.candidates import Candidate, replaces_instrument
+from eitskin.diagnose.fitting.estimates import range_share
 from eitskin.diagnose.fitting.harm import harm
 from eitskin.diagnose.fitting.held_out import gain_over_presses
 from eitskin.diagnose.search.explanation import Explanation
@@ -12,6 +13,7 @@ from eitskin.diagnose.search.gates import (
     HARM_ERRORS,
     HARM_RATIO,
     PRESSES,
+    RANGE,
     STANDARD_ERRORS,
 )
 from eitskin.diagnose.search.growth import Outcome
@@ -63,7 +65,7 @@ def _worth(
     search: Search, explanation: Explanation, index: int, units: np.ndarray, is_accepted: bool
 ) -> float:
     """The least of the values at which effect `index` is refused, nats, 0 where it is not; minus
-    infinity where it does harm.
+    infinity where it does harm, and where its size may be any.
 
     Harm is a growth of the rms error or a number of standard errors; both at once where the
     covariance accepts what is left, as it says that places and forces are off by so much. Each fit
@@ -82,7 +84,8 @@ def _worth(
     errors = explanation.held_out.residual, reduced_set.held_out.residual
     comparison = harm(*errors, np.where(mask, 0.0, np.nan), units)
     is_harmless = _is_harmless(search.journal, effect, reduced_set, comparison, is_accepted)
-    return worth if is_harmless else -np.inf
+    is_sized = judge(RANGE, range_share(explanation.fit, index), effect, reduced_set)
+    return worth if is_harmless and is_sized else -np.inf
 
 
 def _is_harmless(
