@@ -466,6 +466,7 @@ def test_a_log_of_openeit_alone_and_in_another_table(write):
     for text in ("\n".join(logged), merged):
         imported_recording = importers.load(write(text, None, "log.csv"))
         np.testing.assert_allclose(imported_recording.voltage, frames())
+        assert "OpenEIT's log" in imported_recording.metadata["source"]
 
 
 @pytest.mark.parametrize("name", ["", "Unnamed: 0"])

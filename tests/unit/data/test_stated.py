@@ -76,7 +76,7 @@ def test_fewer_angles_than_electrodes_are_refused(bare):
 
 
 def test_touches_must_meet_the_skin_that_is_stated(bare):
-    with pytest.raises(InputError, match=r"^skin.yaml: columns x_mm, y_mm"):
+    with pytest.raises(InputError, match=r"^skin.yaml: beside columns x_mm, y_mm"):
         stated.apply({"radius_mm": 1.0}, bare, "skin.yaml")
 
 

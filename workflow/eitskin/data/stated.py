@@ -63,7 +63,13 @@ def apply(statement: dict, recording: Recording, file: str | Path = "skin") -> R
         skin["electrode_deg"] = rim_angles(statement["electrode_xy_mm"]).tolist()
     stated_metadata = {**metadata, **_part(statement, READING), "skin": skin, "source": source}
     stated_recording = replace(recording, metadata=stated_metadata)
-    validate(stated_recording, file)
+    try:
+        validate(stated_recording, file)
+    except InputError as error:
+        if not error.place.startswith("column"):
+            raise
+        place = f"beside {error.place} of the recording"
+        raise InputError(file, place, error.actual, error.expected) from error
     return stated_recording
 
 

@@ -30,13 +30,14 @@ LOGGED = re.compile(r"\bmagnitudes\s*:([^\"\n]*)", re.IGNORECASE)
 @dataclass(frozen=True)
 class Cells:
     """`rows` of cells of one length, their `lines` in the file, from 1, the columns' `names` if
-    any, and whether numbers have a decimal `comma`."""
+    any, whether numbers have a decimal `comma`, and a `remark` on what is not read."""
 
     path: Path
     names: list[str] | None
     rows: list[list[str]]
     lines: list[int]
     comma: bool
+    remark: str = ""
 
     @property
     def width(self) -> int:
@@ -75,6 +76,7 @@ def read(path: Path) -> Cells:
     Raises InputError where it is no text, has no row of cells, rows of different lengths, or
     decimal points beside decimal commas.
     """
+    logged: list[tuple[int, str]] = []
     if workbook.is_workbook(path):
         lines = workbook.lines(path)
     else:
@@ -114,7 +116,8 @@ def read(path: Path) -> Cells:
         if comma and "." in line and any(is_number(cell, False) for cell in row if "." in cell):
             expected = "decimal points or decimal commas throughout"
             raise InputError(path, f"line {number_}", "both", expected)
-    return Cells(path, names, rows, [number_ for number_, _ in lines], comma)
+    remark = "OpenEIT's log, of which the magnitudes alone are read" if logged else ""
+    return Cells(path, names, rows, [number_ for number_, _ in lines], comma, remark)
 
 
 def table(path: Path, columns: int) -> np.ndarray:

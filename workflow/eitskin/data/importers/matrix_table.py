@@ -105,7 +105,7 @@ def _from_text(path: Path, columns: dict) -> Table:
         )
         return Table(frames, {}, [], channels, unit, "a row a reading")
     reading_names, values, remark = named_columns.combined(path, reading_names, values)
-    remark = "; ".join(filter(None, (counted, remark)))
+    remark = "; ".join(filter(None, (cells.remark, counted, remark)))
     channels_by_name = named_columns.channels(reading_names)
     return Table(values, labels, reading_names, channels_by_name, None, remark)
 
