@@ -230,7 +230,7 @@ def test_a_stretch_without_a_label_stands_in_the_document(found):
     said = conclusion.document(replace(found, unlabelled=((3, 9), (12, 12))), "skin")
     assert said["noise"]["unlabelled"] == [[3, 9], [12, 12]]
     validate(said, SCHEMA, "diagnosis.json")
-    assert words.unlabelled_sentences(said)[1].startswith("In frame 12 somebody touched")
+    assert words.unlabelled_sentences(said)[1].startswith("In frame 12 there is a touch")
     assert "unlabelled" not in conclusion.document(found, "skin")["noise"]
 
 

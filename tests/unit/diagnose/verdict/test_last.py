@@ -26,7 +26,8 @@ def test_nothing_that_is_decided_depends_on_it(found):
     kept = found.reserve_mask
     assert kept.any()
     draw = np.random.default_rng(3)
-    recorded.voltage = np.where(kept, draw.permutation(recorded.voltage), recorded.voltage)
+    permuted = (1.0 + 1e-9) * draw.permutation(recorded.voltage)  # copies would be left out
+    recorded.voltage = np.where(kept, permuted, recorded.voltage)
     said, other = (
         conclusion.document(each, "skin") for each in (found, diagnosis.diagnose(recorded))
     )
