@@ -40,17 +40,20 @@ class Similarity:
     rival_residual: float
     touches: int
 
+    @property
+    def turn(self) -> complex:
+        """Scale and rotation as one factor of complex coordinates."""
+        return complex(self.scale * np.exp(1j * np.deg2rad(self.rotation_deg)))
+
     def __call__(self, x_mm: np.ndarray, y_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Skin coordinates of places in the robot's coordinates."""
         robot = np.asarray(x_mm) + 1j * np.asarray(y_mm)
-        turn = self.scale * np.exp(1j * np.deg2rad(self.rotation_deg))
-        skin = turn * (np.conj(robot) if self.is_mirrored else robot) + complex(*self.shift)
+        skin = self.turn * (np.conj(robot) if self.is_mirrored else robot) + complex(*self.shift)
         return skin.real, skin.imag
 
     def robot_place(self, x: float, y: float) -> tuple[float, float]:
         """The robot's coordinates of a place in the skin's."""
-        turn = self.scale * np.exp(1j * np.deg2rad(self.rotation_deg))
-        robot = (complex(x, y) - complex(*self.shift)) / turn
+        robot = (complex(x, y) - complex(*self.shift)) / self.turn
         robot = np.conj(robot) if self.is_mirrored else robot
         return float(robot.real), float(robot.imag)
 

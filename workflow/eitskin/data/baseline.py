@@ -55,14 +55,15 @@ def changes(recording: Recording, name: str) -> np.ndarray:
 
 def steady(recording: Recording) -> Recording:
     """A recording less the factor by which all readings of the untouched skin drift together;
-    itself where none does, of differences and without untouched frames.
+    itself where none does, of queries and differences and without untouched frames.
 
     The factor of an untouched frame is the median, over the larger half of the channels, of its
     readings over the channels' medians; between untouched frames of a session it is interpolated,
     beyond them it stays. It drifts where its von Neumann ratio is below MAX_NEUMANN.
     """
     touched = recording.frames["touch"].to_numpy(bool)
-    if recording.metadata["values"] == "difference" or touched.all():
+    is_query = recording.voltage is None
+    if is_query or recording.metadata["values"] == "difference" or touched.all():
         return recording
     untouched = pd.DataFrame(recording.readings[~touched])
     usual = untouched.median()
@@ -86,7 +87,6 @@ def steady(recording: Recording) -> Recording:
 
 def steady_changes(recording: Recording, name: str) -> np.ndarray:
     """`changes` of the `steady` recording; raises InputError as these do."""
-    voltages(recording, name)
     return changes(steady(recording), name)
 
 

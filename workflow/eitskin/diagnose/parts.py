@@ -45,8 +45,8 @@ def diagnose(
     recording, unlabelled = usable(recording)
     first_rows = [step.frame for step in steps(recording)]
     if not first_rows:
-        whole = diagnosis.diagnose(recording, seed, progress, memory_GiB, earlier)
-        return _with_unlabelled(whole, unlabelled)
+        result = diagnosis.diagnose(recording, seed, progress, memory_GiB, earlier)
+        return _with_unlabelled(result, unlabelled)
     rows = np.arange(len(recording.frames))
     bounds = pairwise([0, *first_rows, len(rows)])
     parts = [subset.of_frames(recording, (start <= rows) & (rows < end)) for start, end in bounds]
@@ -80,11 +80,11 @@ def diagnose(
     return _with_unlabelled(stepped, unlabelled)
 
 
-def _with_unlabelled(found: Diagnosis, unlabelled: list[tuple[int, int]]) -> Diagnosis:
+def _with_unlabelled(result: Diagnosis, unlabelled: list[tuple[int, int]]) -> Diagnosis:
     """A diagnosis with stretches of frames that were left out before it."""
     if not unlabelled:
-        return found
-    return replace(found, unlabelled=tuple(sorted({*unlabelled, *found.unlabelled})))
+        return result
+    return replace(result, unlabelled=tuple(sorted({*unlabelled, *result.unlabelled})))
 
 
 def _is_short(part: Recording, parts: list[Recording]) -> bool:
@@ -101,8 +101,9 @@ def _changes(parts: list[Recording]) -> list[dict]:
     for k, part in enumerate(parts):
         is_short = _is_short(part, parts)
         if k and (is_short or control is None):
-            few = part if is_short else parts[k - 1]
-            text = f"{frame_range(_frame_numbers(few)).capitalize()} are too few to tell a change."
+            short_part = part if is_short else parts[k - 1]
+            frames_text = frame_range(_frame_numbers(short_part)).capitalize()
+            text = f"{frames_text} are too few to tell a change."
             entry = {"frame": _frame_numbers(part)[0], "sentences": [text], "difference": {}}
             changes.append(entry)
         elif control is not None:

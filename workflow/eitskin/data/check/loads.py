@@ -39,13 +39,13 @@ def lost_forces(recording: Recording) -> np.ndarray:
         pattern = change[rows[np.argmax(force[rows])]]
         pattern = pattern / (np.linalg.norm(pattern) or 1.0)
         amplitude = change[rows] @ pattern
-        least = MIN_CHANGE_SD * np.sqrt(pattern**2 @ variance)
+        noise_limit = MIN_CHANGE_SD * np.sqrt(pattern**2 @ variance)
         usual = 0
         for k in range(1, len(rows)):
             has_fallen = force[rows[k]] <= MAX_FORCE_SHARE * force[rows[usual]]
             if not has_fallen:
                 usual = k
-            elif amplitude[k] > max(least, MIN_CHANGE_SHARE * amplitude[usual]):
+            elif amplitude[k] > max(noise_limit, MIN_CHANGE_SHARE * amplitude[usual]):
                 lost_rows.append(int(rows[k]))
     return np.array(sorted(lost_rows), int)
 

@@ -216,7 +216,8 @@ def clipped_channels(recording: Recording) -> ClippedChannels | None:
     max_repeats = counts.max() if len(large_sizes) else 0
     is_varying = (channel_sizes < ceiling).any() or len(channels) > 1
     is_frequent = at_ceiling.any(axis=1).sum() >= CLIPPED_FRAMES
-    is_resolved = tie_share(recording.readings[:, ~at_ceiling.any(axis=0)]) <= MAX_TIES
+    below_ceiling = recording.readings[:, ~at_ceiling.any(axis=0)]
+    is_resolved = not below_ceiling.size or tie_share(below_ceiling) <= MAX_TIES
     if not (is_frequent and is_resolved and is_varying and at_ceiling.sum() > 2 * max_repeats):
         channels = channels[:0]
     return ClippedChannels(channels, float(ceiling), len(channels) / sizes.shape[1])

@@ -128,11 +128,11 @@ def load_cell_zero(recording: Recording) -> list[Finding]:
     if zero is None:
         return []
     values = zero.median_N, zero.least_N, zero.largest_N
-    median, least, largest = (f"{value:.2f}".replace("-", MINUS) for value in values)
-    spread = "" if least == largest else f" ({least} to {largest} N)"
+    median_text, low_text, high_text = (f"{v:.2f}".replace("-", MINUS) for v in values)
+    spread = "" if low_text == high_text else f" ({low_text} to {high_text} N)"
     frames = "1 untouched frame reports" if zero.frames == 1 else "untouched frames report"
     sentence = (
-        f"{frames} {median} N{spread}: the load cell's zero is off, and the forces of"
+        f"{frames} {median_text} N{spread}: the load cell's zero is off, and the forces of"
         " touches probably as much. Subtract it, or tare the load cell before each session."
     )
     return [Finding("zero", WARNING, sentence, zero.median_N)]
