@@ -3,7 +3,6 @@
 import re
 import sys
 import zipfile
-from importlib.util import find_spec
 
 import numpy as np
 import pandas as pd
@@ -80,13 +79,13 @@ def test_a_file_of_another_program_is_named(tmp_path, name):
     refused(tmp_path / name, match)
 
 
-def test_a_workbook_of_excel_is_named_or_read(tmp_path):
+def test_a_workbook_of_excel_is_named_or_read(tmp_path, monkeypatch):
     path = tmp_path / "rec.xlsx"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("xl/workbook.xml", "")
-    if find_spec("openpyxl") is None:
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "openpyxl", None)
         refused(path, "an Excel workbook, expected the sheet saved as CSV; or openpyxl installed")
-        return
     refused(path, "a damaged Excel workbook")
     columns = [f"v{k}" for k in range(40)]
     pd.DataFrame(np.outer([1, 2], tank_reading(channel_table(8))), columns=columns).to_excel(
