@@ -67,5 +67,6 @@ def _diagnosed(
     noise, search, reserve_mask = prepared(recording, seed, report, journal)
     outcome, was_cut_short = searched(recording, search, seed, earlier)
     outcome = pruned(outcome, error_units(recording), noise.dof)
-    data = Data(recording, noise, reserve_mask, search.problem)
+    problem = replace(search.problem, model=outcome[0].problem.model)
+    data = Data(recording, noise, reserve_mask, problem)
     return replace(assess(data, outcome, was_cut_short), unlabelled=tuple(unlabelled))

@@ -9,6 +9,7 @@ import numpy as np
 
 from eitskin.diagnose.fitting.candidates import Candidate
 from eitskin.diagnose.fitting.fit import Problem
+from eitskin.diagnose.fitting.simulator import Member
 from eitskin.diagnose.noise.noise_model import NORMAL_90
 
 DIFFERENCE_STEP = 1e-4  # of a coordinate: central differences of formulas, without a simulation
@@ -46,6 +47,8 @@ def calibration(fit: Fitted) -> dict[str, dict]:
     covariance = fit.covariance
     intervals = {}
     for i, item in enumerate(fit.problem.model.calibrations):
+        if isinstance(item, Member):
+            continue
         half_width = NORMAL_90 * float(np.sqrt(covariance[i, i]))
         value, low, high = (item.value(fit.theta[i] + s * half_width) for s in (0, -1, 1))
         low, high = min(low, high), max(low, high)

@@ -4,7 +4,7 @@ The cost of coordinates theta is |W (y - f(theta))|² + Σ p_i theta_i², with r
 f, whitening W (the noise's covariance is (WᵀW)⁻¹) and the prior's precisions p.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
@@ -49,11 +49,13 @@ class FitLimits:
 @dataclass(frozen=True)
 class Problem:
     """What is fitted: the readings (N, M) of a recording, NaN where none is fitted, with their
-    simulator and their covariance."""
+    simulator and their covariance; families: by name the effects at every site that are a little
+    wrong without being named."""
 
     model: RecordingSimulator
     readings: np.ndarray
     whitening: Whitening
+    families: Mapping[str, tuple[Candidate, ...]] = field(default_factory=dict)
 
     def residual(self, theta: np.ndarray, effects: list[Candidate]) -> np.ndarray:
         """(N, M): readings less simulation at theta (P,), whitened. Raises InputError where the
@@ -146,6 +148,11 @@ class Fit:
     def settings(self) -> list[Setting]:
         """The effects at their fitted values."""
         return self.problem.split(self.theta, self.effects)[1]
+
+    def family_settings(self) -> list[Setting]:
+        """The families at the values of their members."""
+        calibration, _ = self.problem.split(self.theta, self.effects)
+        return self.problem.model.family_settings(calibration)
 
     def voltage(self) -> np.ndarray:
         """(N, M): the readings expected by the fit."""

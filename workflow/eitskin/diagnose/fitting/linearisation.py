@@ -3,7 +3,9 @@
 import numpy as np
 
 from eitskin.data.recording import elapsed
+from eitskin.diagnose.fitting.families import family_columns
 from eitskin.diagnose.fitting.fit import Fit
+from eitskin.diagnose.fitting.tangents import Tangents
 from eitskin.diagnose.noise.linearisation import Linearisation
 from eitskin.diagnose.noise.rig_errors import RigErrors
 from eitskin.diagnose.noise.whitening import Whitening
@@ -40,6 +42,7 @@ def linearisation(fit: Fit, converter_step: float) -> Linearisation:
         number=whitening.numbers,
         noise_sd=whitening.sd,
         wander=whitening.wander,
+        families=family_columns(Tangents(fit), problem.families) if problem.families else {},
     )
 
 

@@ -52,10 +52,10 @@ def predict(fit: Fit, recording: Recording, query: Recording) -> tuple[np.ndarra
 
 
 def _unmapped_effects(fit: Fit, recording: Recording, query: Recording) -> list[int]:
-    """The indices of the effects of a recording's fit that some of a query's channels are predicted
+    """The indices of the families and effects of a recording's fit that some of a query's channels are predicted
     without; a line on stderr each says of which."""
     indices = []
-    for index, setting in enumerate(fit.settings()):
+    for index, setting in enumerate([*fit.family_settings(), *fit.settings()]):
         rows = unmapped_channels(setting, recording.channels, query.channels)
         if len(rows):
             indices.append(index)
@@ -69,8 +69,8 @@ def _unmapped_effects(fit: Fit, recording: Recording, query: Recording) -> list[
 
 def simulator(fit: Fit, recording: Recording, query: Recording) -> Callable[..., np.ndarray]:
     """Voltages (N, M) of a query's states by its channels, noise-free, as a function of the
-    coordinates (P,) of a recording's fit, and of the index of an effect that differs by its spread
-    at sites which the recording does not have. Raises InputError for touches of unknown state."""
+    coordinates (P,) of a recording's fit, and of the index of a family or an effect that differs by
+    its spread at sites which the recording does not have. Raises InputError for touches of unknown state."""
     problem = Problem(
         RecordingSimulator(query, fit.problem.model), np.zeros(1), fit.problem.whitening
     )
@@ -80,6 +80,7 @@ def simulator(fit: Fit, recording: Recording, query: Recording) -> Callable[...,
 
     def voltage(theta: np.ndarray, unmapped: int | None = None) -> np.ndarray:
         calibration, settings = problem.split(theta, fit.effects)
+        settings = [*fit.problem.model.family_settings(calibration), *settings]
         mapped = [
             mapped_setting(setting, recording.channels, query.channels, float(index == unmapped))
             for index, setting in enumerate(settings)

@@ -2,6 +2,7 @@
 
 import math
 from collections import OrderedDict
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,6 +12,7 @@ import pandas as pd
 
 from eitskin.data import alignment
 from eitskin.data.recording import Recording, presses
+from eitskin.diagnose.fitting.candidates import Candidate
 from eitskin.effects.effect import START, Moment, Setting
 from eitskin.errors import InputError
 from eitskin.physics.depth import span
@@ -63,12 +65,26 @@ class Calibration:
         return "high" if (coordinate > 0.0) == rises else "low"
 
 
+@dataclass(frozen=True)
+class Member(Calibration):
+    """One coordinate of the members of a family, in sds of the family: a value of no bound, of
+    which `calibration` of a diagnosis tells nothing."""
+
+    def value(self, coordinate: float) -> float:
+        """The coordinate of the family's candidate, in typical changes."""
+        return self.sd * coordinate
+
+    def at_bound(self, coordinate: float) -> None:
+        """None: a member has no bounds of its own."""
+
+
 class RecordingSimulator:
     """Simulates the readings (N, M) of a recording's frames.
 
     base: of a query, the simulator that was fitted, whose skin, calibrations, form, unit and
     largest force it has; solved_skins: a cache to share. nominal_skin: the skin as stated, with
-    starts for what is not; calibrations: what is fitted of it; states: those of the frames;
+    starts for what is not; calibrations: what is fitted of it, and at last the members of the
+    families, each at all its sites; states: those of the frames;
     touched, simulable (N,) bool: whether a frame is touched, and whether its touch is stated well
     enough; coarse: whether bodies are solved at accuracy train. Raises InputError where no frame
     can be simulated, or the scale of the readings is unknown and none can be estimated.
@@ -77,6 +93,7 @@ class RecordingSimulator:
     coarse = False
     nominal_skin: Skin
     calibrations: list[Calibration]
+    families: tuple[Candidate, ...] = ()
     difference: bool
     magnitude: bool
     unit: str
@@ -105,6 +122,7 @@ class RecordingSimulator:
         self.solved_skins = solved_skins or SolvedSkins()
         if base is not None:
             self.nominal_skin, self.calibrations = base.nominal_skin, base.calibrations
+            self.coarse = base.coarse
             self.difference, self.magnitude, self.unit = base.difference, base.magnitude, base.unit
             self.sink_grounded, self.force_max_N = base.sink_grounded, base.force_max_N
             self.frame_s = metadata["frame_s"] or base.frame_s
@@ -157,6 +175,46 @@ class RecordingSimulator:
         )
         return simulator
 
+    def with_families(
+        self, families: Sequence[tuple[Candidate, float]]
+    ) -> "RecordingSimulator":
+        """The simulator with the coordinates of families among its calibrations, each with its sd
+        in typical changes."""
+        simulator = copy(self)
+        simulator.families = tuple(candidate for candidate, _ in families)
+        simulator.calibrations = [
+            *self.calibrations,
+            *(
+                Member(f"{candidate.name} {number}", "1", 0.0, sd)
+                for candidate, sd in families
+                for number in range(candidate.size)
+            ),
+        ]
+        return simulator
+
+    def without_families(self) -> "RecordingSimulator":
+        """The simulator without families."""
+        simulator = copy(self)
+        simulator.families = ()
+        simulator.calibrations = [c for c in self.calibrations if not isinstance(c, Member)]
+        return simulator
+
+    def family_coordinates(self, coordinates: np.ndarray) -> list[tuple[Candidate, np.ndarray]]:
+        """The families, each with its candidate's coordinates, at coordinates (P,) of the
+        calibrations."""
+        start = len(coordinates) - sum(candidate.size for candidate in self.families)
+        pairs = []
+        for candidate in self.families:
+            members = slice(start, start + candidate.size)
+            values = zip(self.calibrations[members], coordinates[members], strict=True)
+            pairs.append((candidate, np.array([item.value(u) for item, u in values])))
+            start += candidate.size
+        return pairs
+
+    def family_settings(self, coordinates: np.ndarray) -> list[Setting]:
+        """The families at coordinates (P,) of the calibrations."""
+        return [candidate.setting(u) for candidate, u in self.family_coordinates(coordinates)]
+
     def with_coarse_bodies(self) -> "RecordingSimulator":
         """The simulator with bodies solved at accuracy train."""
         simulator = copy(self)
@@ -187,6 +245,7 @@ class RecordingSimulator:
     def geometry(self, coordinates: np.ndarray, settings: list[Setting]) -> Geometry:
         """The geometry of the untouched skin with effects at the recording's start; coordinates
         (P,): of the calibrations."""
+        settings = [*self.family_settings(coordinates), *settings]
         return apply_skin(Geometry.from_skin(self.skin(coordinates)), settings, START)
 
     def accuracy(self, coordinates: np.ndarray, settings: list[Setting]) -> str:
@@ -197,6 +256,7 @@ class RecordingSimulator:
     def moments(self, coordinates: np.ndarray, settings: list[Setting]) -> list[Moment]:
         """(N,): time and touch of every frame with effects; coordinates (P,): of the
         calibrations."""
+        settings = [*self.family_settings(coordinates), *settings]
         return self._sense(coordinates, self.skin(coordinates), settings, True, "diagnose").moments
 
     def voltage(
@@ -207,6 +267,7 @@ class RecordingSimulator:
         values = self.calibration_values(coordinates)
         skin = self.skin(coordinates)
         accuracy = accuracy or self.accuracy(coordinates, settings)
+        settings = [*self.family_settings(coordinates), *settings]
         current = 1.0 if self.unit == "ohm" else skin.current_A
         assert current is not None
         sensed = self._sense(coordinates, skin, settings, True, accuracy)
@@ -232,11 +293,12 @@ class RecordingSimulator:
         stages = [
             s for stage in ("touch", "skin", "clock") for s in stage_settings(settings, stage)
         ]
+        members = sum(candidate.size for candidate in self.families)
         key = (
             self._displacement_key,
             touched,
             accuracy,
-            *np.asarray(coordinates).tolist(),
+            *np.asarray(coordinates).tolist()[: len(self.calibrations) - members],
             *map(_key, stages),
         )
         if key in self._sensed:

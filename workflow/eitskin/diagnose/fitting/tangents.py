@@ -134,6 +134,12 @@ class Tangents:
         columns = self._site_columns(candidate, self.source._raw_columns)
         return np.array([0.0 if column is None else column @ weights for column in columns])
 
+    def raw_columns(self, candidate: Candidate) -> list[np.ndarray | None]:
+        """The derivatives (N M,) of the readings by every linear coordinate, one a site where there
+        are several, neither whitened nor projected; None for coordinates that change nothing."""
+        self._compute_raw(self._singles(candidate))
+        return self._site_columns(candidate, self._raw_columns)
+
     def precompute(self, candidates: Iterable[Candidate]) -> None:
         """Compute the whitened columns of many candidates at once, faster than one by one."""
         singles = [single for candidate in candidates for single in self._singles(candidate)]

@@ -18,7 +18,7 @@ from eitskin.diagnose.noise.coherent_rank import rank_above_noise
 from eitskin.diagnose.noise.converter import ROUNDING, converter_step, lasting_rounding_sd
 from eitskin.diagnose.noise.noise_model import NoiseModel, VarianceLaw
 from eitskin.diagnose.noise.reciprocity import parity
-from eitskin.diagnose.noise.single_frame import single_frame_law
+from eitskin.diagnose.noise.single_frame import single_frame_law, without_gains
 
 FLOOR = 1e-6  # of the median |v|: no board resolves less
 ASSUMED = 1e-3  # of the median |v|, where nothing shows the noise: of an ordinary board
@@ -47,7 +47,8 @@ class _Witness:
 @dataclass(frozen=True)
 class _CompleteReadings:
     """Readings (N, M) with gaps filled, which frames are untouched (N,), the odd and the even
-    combinations of channels, the squared level (M,) and the share of filled frames (M,)."""
+    combinations of channels, the squared level (M,), the share of filled frames (M,) and the
+    channels (M, 4)."""
 
     values: np.ndarray
     untouched: np.ndarray
@@ -55,6 +56,7 @@ class _CompleteReadings:
     even: np.ndarray
     squared_level: np.ndarray
     filled_share: np.ndarray
+    channels: np.ndarray
 
     def witnesses(self, law: np.ndarray) -> tuple[dict[str, _Witness], np.ndarray]:
         """The witnesses by name and the law by them, from a first guess of the law."""
@@ -177,7 +179,10 @@ def _complete_readings(recording: Recording, level: np.ndarray) -> tuple[_Comple
     odd, even = parity(recording.channels[usable], signed)
     untouched = ~recording.frames["touch"].to_numpy(bool)[rows]
     squared = level[usable] ** 2
-    return _CompleteReadings(values, untouched, odd, even, squared, filled_share), len(values)
+    complete = _CompleteReadings(
+        values, untouched, odd, even, squared, filled_share, recording.channels[usable]
+    )
+    return complete, len(values)
 
 
 def _filled(voltage: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -275,11 +280,18 @@ def _single_frame_noise(
     odd = readings.odd
     floor = FLOOR * typical
     if odd.shape[1]:
-        contrasts = readings.values[0] @ odd
-        law, dof = single_frame_law(contrasts, (odd**2).T @ readings.squared_level)
+        contrasts, squared_level = readings.values[0] @ odd, (odd**2).T @ readings.squared_level
+        beside_gains = without_gains(readings.values[0], odd, readings.channels)
+        aside = ""
+        if beside_gains is not None:
+            aside = f" beside the gains of drives and measuring pairs, {beside_gains.shape[1]} left,"
+            contrasts = beside_gains.T @ contrasts
+            squared_level = (beside_gains**2).T @ squared_level
+        law, dof = single_frame_law(contrasts, squared_level)
         source = (
-            f"the odd half of {odd.shape[1]} reciprocal contrasts in the only frame, an upper "
-            "bound: one frame cannot tell noise from what drive and measurement do differently"
+            f"the odd half of {odd.shape[1]} reciprocal contrasts in the only frame{aside}, an "
+            "upper bound: one frame cannot tell noise from what drive and measurement do "
+            "differently"
         )
         law = replace(law, floor=floor)
     else:

@@ -1,7 +1,7 @@
 """What the errors of a rig need of a fit: its readings and their derivatives by the touches."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -21,7 +21,8 @@ class Linearisation:
     difference, magnitude: whether readings are differences from a baseline, or magnitudes.
     typical_reading: median |v| of the recording, or its noise where that is larger. converter_step:
     width of a converter's step that is wider than the noise, else 0. number (N,): of the frames.
-    noise_sd (M,): of the channels. wander: of each channel's noise, what is slow.
+    noise_sd (M,): of the channels. wander: of each channel's noise, what is slow. families
+    (K, N, M): by name what a typical change of each of K members does to the readings.
     """
 
     voltage: np.ndarray
@@ -37,6 +38,7 @@ class Linearisation:
     number: np.ndarray
     noise_sd: np.ndarray
     wander: Spectrum
+    families: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @cached_property
     def untouched_level(self) -> np.ndarray:

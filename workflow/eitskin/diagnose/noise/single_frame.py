@@ -11,13 +11,16 @@ from functools import cache
 
 import numpy as np
 from scipy.special import expit, logsumexp
-from scipy.stats import norm
+from scipy.stats import f, norm
 
 from eitskin.diagnose.noise.noise_model import VarianceLaw
 
 TAILS = 4.0  # degrees of freedom of the Student distribution
 MIXES = expit(np.linspace(-8.0, 8.0, 33))  # w, alike probable beforehand
 ROUNDS = 100  # of the scale's fixed point, which converges in some twenty
+GAIN_P = 1e-3  # chance of a frame without gains to look as if it had some
+LEAST_LEFT = 5  # contrasts, beside the gains: fewer tell no scale
+RANK_SHARE = 1e-9  # of the largest singular value: less is rounding
 QUANTILES = norm.ppf((np.arange(4000) + 0.5) / 4000)
 
 
@@ -44,6 +47,32 @@ def single_frame_law(contrasts: np.ndarray, squared_level: np.ndarray) -> tuple[
     mean_log = weight @ np.log(variance)
     spread = float((weight @ (np.log(variance) - mean_log) ** 2).mean())
     return law, 2.0 / (2.0 / (_efficiency() * len(contrasts)) + spread)
+
+
+def without_gains(
+    values: np.ndarray, odd: np.ndarray, channels: np.ndarray
+) -> np.ndarray | None:
+    """(P, K): orthonormal combinations of the odd half (M, P) of a frame (M,) that gains of the
+    drives and measuring pairs of its channels (M, 4) leave alone; None where such gains explain no
+    more of it than chance would, by Fisher's F at GAIN_P, or leave fewer than LEAST_LEFT.
+
+    Gains differ from drive to drive on every board, and a frame with them has an odd half far above
+    its noise.
+    """
+    contrasts = values @ odd
+    by_site = [
+        (channels[:, column] == site) * values for column in (0, 2) for site in range(channels.max() + 1)
+    ]
+    directions, sizes, _ = np.linalg.svd(odd.T @ np.array(by_site).T)
+    rank = int((sizes > RANK_SHARE * sizes.max(initial=0.0)).sum())
+    left = directions[:, rank:]
+    if left.shape[1] < LEAST_LEFT:
+        return None
+    remainder = float(((left.T @ contrasts) ** 2).mean())
+    explained = float(((directions[:, :rank].T @ contrasts) ** 2).mean())
+    if f.sf(explained / max(remainder, np.finfo(float).tiny), rank, left.shape[1]) > GAIN_P:
+        return None
+    return left
 
 
 def _scale(contrasts: np.ndarray, shape: np.ndarray) -> np.ndarray:

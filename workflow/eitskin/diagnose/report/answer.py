@@ -5,6 +5,7 @@ from html import escape
 import numpy as np
 
 from eitskin.data import check
+from eitskin.diagnose.noise.noise_model import NORMAL_90
 from eitskin.diagnose.report.evidence import Evidence
 from eitskin.diagnose.report.markup import code, figure, numbers_unbroken
 from eitskin.diagnose.search.gates import NOTHING_UNNAMED
@@ -25,11 +26,17 @@ from eitskin.diagnose.verdict.words import (
     value_texts,
 )
 from eitskin.effects.effect import SITES
-from eitskin.quantities import chance, listed, number, quantity
+from eitskin.quantities import chance, interval, listed, number, quantity
 
 # Chi squared per degree of freedom above which shares of the misfit are given: with less than a
 # twentieth above the noise there is little to share.
 SHARED_MISFIT = 1.05
+SITE_NOUNS = {  # of members of families; else an electrode
+    "drive-gain": "the drive from electrode",
+    "measurement-gain": "the measuring pair at electrode",
+    "offset": "the measuring pair at electrode",
+    "rim-modes": "harmonic",
+}
 TOUCH_COLUMNS = ["x_mm", "y_mm", "force_N", "probe_mm"]  # that the simulation of a touch needs
 
 
@@ -91,6 +98,7 @@ def answer(evidence: Evidence, change_drawings: list[str]) -> str:
         has_picture = any(change_drawings[k : k + 1])
         picture = _change_figure(k, change_drawings[k], evidence) if has_picture else ""
         parts.append(_effect(k + 1, effect, evidence, picture))
+    parts += _families(diagnosis.get("families", []))
     parts += [
         f"<p>{escape(sentence)}</p>" for sentence in bound_sentences(diagnosis["calibration"])
     ]
@@ -192,6 +200,23 @@ def _effect(rank: int, effect: dict, evidence: Evidence, picture: str) -> str:
     html_class = "effect" if effect_is_certain else "effect candidate"
     text = "\n".join(paragraphs)
     return f"<div class='{html_class}'><div>{text}</div>{picture}</div>"
+
+
+def _families(entries: list[dict]) -> list[str]:
+    """What is a little wrong at every site: a sentence each, and the member farthest out."""
+    if not entries:
+        return []
+    items = []
+    for entry in entries:
+        farthest = int(np.argmax(np.abs(entry["values"])))
+        sd, noun = entry["sd"], SITE_NOUNS.get(entry["name"], "electrode")
+        factor, unit = (100.0, "%") if sd["unit"] == "1" else (1.0, sd["unit"])
+        value, spread = (factor * entry[key][farthest] for key in ("values", "values_sd"))
+        text = interval(value, value - NORMAL_90 * spread, value + NORMAL_90 * spread, unit)
+        place = f"Farthest out is {noun} {entry['sites'][farthest]}, by {text}."
+        sentence = f"{entry['sentence']} {place}"
+        items.append(f"<li>{numbers_unbroken(sentence)}</li>")
+    return ["<h2>A little wrong everywhere</h2>", f"<ul>{''.join(items)}</ul>"]
 
 
 def _parameter(name: str, estimate: dict, effect: dict) -> str:

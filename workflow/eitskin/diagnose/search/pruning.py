@@ -16,6 +16,7 @@ from eitskin.diagnose.search.gates import (
     RANGE,
     STANDARD_ERRORS,
 )
+from eitskin.diagnose.search.families import with_members
 from eitskin.diagnose.search.growth import Outcome
 from eitskin.diagnose.search.journal import Journal
 from eitskin.diagnose.search.prediction import acceptance_p_value, named_prediction, predicted
@@ -32,7 +33,8 @@ def pruned(outcome: Outcome, units: np.ndarray, noise_dof: float) -> Outcome:
     """
     search, calibration, after = outcome
     was_replaced = replaces_instrument(after.effects)
-    in_noise, after = settled(search, after)
+    search, after = settled(search, after)
+    in_noise, calibration, after = with_members((search, calibration, after))
     after = _earning(in_noise, after, units, noise_dof)
     if was_replaced and not replaces_instrument(after.effects):
         in_noise = in_noise.restored()

@@ -10,6 +10,7 @@ from eitskin.data.recording import Recording
 from eitskin.data.subset import of_frames
 from eitskin.diagnose.fitting.candidates import Candidate, replaces_instrument
 from eitskin.diagnose.fitting.excerpt import excerpt
+from eitskin.diagnose.fitting.families import members
 from eitskin.diagnose.fitting.fit import Problem, fit
 from eitskin.diagnose.fitting.held_out import draw_reserve_mask, folds
 from eitskin.diagnose.fitting.readings import noise_and_problem
@@ -63,6 +64,10 @@ def prepared(
     journal = journal or Journal()
     recorded_V = np.where(problem.whitening.mask, recording.readings, np.nan)
     candidates = catalogue(conditions, recorded_V, scales, journal)
+    if not (conditions.touched or model.difference):
+        problem = replace(problem, families=members(candidates))
+        family_keys = {m.key for family in problem.families.values() for m in family}
+        candidates = [c for c in candidates if c.scope != "dense" or c.key not in family_keys]
     search = Search(
         problem,
         [c for c in candidates if not c.effect.last_resort],

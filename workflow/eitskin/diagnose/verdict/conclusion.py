@@ -17,22 +17,27 @@ from eitskin.diagnose.search.refits import reduced
 from eitskin.diagnose.verdict import identities, words
 from eitskin.diagnose.verdict.certainty import certainty, held_out_p, is_certain, least_gain
 from eitskin.diagnose.verdict.diagnosis import Diagnosis
+from eitskin.diagnose.verdict.families import families, stands_out
 from eitskin.diagnose.verdict.remainder import changes
 from eitskin.diagnose.verdict.verdict import verdict
 from eitskin.effects import EFFECTS, catalogue_names
 
+OPTIONAL = ("families", "parts", "steps")  # keys that are left out where they are empty
+FAMILY_SHARE = 0.05  # of the held-out misfit, from which on a family counts for the verdict
 PART_KEYS = ("verdict", "effects", "other", "fit")  # what diagnosis.json has of each part
 
 
 @dataclass(frozen=True)
 class Verdict:
     """diagnosis.json as an object, with the fields of the contract; `recording`, a name, is given
-    where it is written. parts, steps: empty unless the recording has steps in time."""
+    where it is written. parts, steps: empty unless the recording has steps in time; families: unless
+    something is a little wrong at every site."""
 
     verdict: str
     calibration: dict[str, dict]
     noise_V: float
     noise: dict
+    families: list[dict]
     effects: list[dict]
     other: dict
     unobservable: list[str]
@@ -43,7 +48,7 @@ class Verdict:
     def document(self, recording: str) -> dict[str, Any]:
         """The content of diagnosis.json for a recording of this name."""
         content = {"format": "eit-diagnosis", "version": 1, "recording": recording, **vars(self)}
-        return {key: v for key, v in content.items() if v or key not in ("parts", "steps")}
+        return {key: v for key, v in content.items() if v or key not in OPTIONAL}
 
 
 def document(diagnosis: Diagnosis, recording: str) -> dict[str, Any]:
@@ -58,6 +63,8 @@ def conclude(diagnosis: Diagnosis) -> Verdict:
     remainder = diagnosis.remainder
     entries = [_entry(diagnosis, i) for i in range(len(explanation.effects))]
     certainties, p_value = [e["certain"] for e in entries], held_out_p(diagnosis)
+    everywhere = families(diagnosis)
+    certainties += [True for family in everywhere if family["share"] >= FAMILY_SHARE]
     summary = verdict(certainties, p_value, remainder.probability)
     fit = _fit(diagnosis)
     other = {
@@ -75,6 +82,7 @@ def conclude(diagnosis: Diagnosis) -> Verdict:
         calibration(explanation.fit),
         float(np.median(noise.white_sd)),
         _noise(diagnosis),
+        everywhere,
         entries,
         other,
         unobservable(diagnosis),
@@ -192,6 +200,9 @@ def _entry(diagnosis: Diagnosis, index: int) -> dict:
         "gap": gaps[0].gap if gaps else None,
         "certain": is_certain(certainty(diagnosis, index)),
     }
+    deviation = stands_out(diagnosis, index)
+    if deviation is not None:
+        entry["stands_out"] = deviation
     if combined := amounts(explanation.fit, index, entry["parameters"]):
         entry["amounts"] = combined
     if candidate.kind is not None and candidate.scope != "common":

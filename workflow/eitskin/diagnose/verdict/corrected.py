@@ -21,16 +21,19 @@ LAYOUT = {"session_frames": 300, "crossed": False}  # as the configuration `auth
 
 
 def effect_items(fit: Fit) -> list[dict]:
-    """The effects of a fit as the configuration writes them."""
+    """The families and the effects of a fit as the configuration writes them."""
     model, items = fit.problem.model, []
-    for index, candidate in enumerate(fit.effects):
-        item = candidate.item(fit.theta[fit.coordinate_slice(index)])
-        values = item.setdefault("parameters", {})
+    calibration = fit.theta[: len(model.calibrations)]
+    coordinates = [fit.theta[fit.coordinate_slice(index)] for index in range(len(fit.effects))]
+    pairs = zip(fit.effects, coordinates, strict=True)
+    for candidate, values in [*model.family_coordinates(calibration), *pairs]:
+        item = candidate.item(values)
+        parameters = item.setdefault("parameters", {})
         for key, parameter in candidate.effect.parameters.items():
-            if parameter.whole and key in values:
-                values[key] = int(values[key])
+            if parameter.whole and key in parameters:
+                parameters[key] = int(parameters[key])
         for key, value in candidate.effect.recorded_values(model.force_max_N).items():
-            values.setdefault(key, value)
+            parameters.setdefault(key, value)
         items.append(item)
     return items
 
@@ -56,7 +59,7 @@ def configuration(fit: Fit, recording: Recording, noise_sd: np.ndarray, name: st
         np.array([-1]),
         Skin.from_metadata(skin),
         model.channels,
-        fit.settings(),
+        [*fit.family_settings(), *fit.settings()],
         model.accuracy(calibration, fit.settings()),
         frame_s=model.frame_s,
         sink_grounded=model.sink_grounded,

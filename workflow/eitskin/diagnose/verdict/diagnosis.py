@@ -126,7 +126,7 @@ def assess(data: Data, outcome: Outcome, was_cut_short: bool) -> Diagnosis:
     """The diagnosis that follows from the outcome of a search; was_cut_short: whether a stage of
     the search was."""
     search, baseline, explanation = outcome
-    if not explanation.effects:
+    if not explanation.effects and not search.problem.model.families:
         baseline = explanation
     step, unit = data.noise.converter_step, data.recording.metadata["unit"]
     rig = linearised_rig_errors(explanation.fit, search.problem.whitening, step)

@@ -112,6 +112,7 @@ def sentences(diagnosis: dict) -> list[str]:
     lines = [headline(diagnosis)]
     for effect in diagnosis["effects"]:
         lines.append(" ".join(filter(None, [effect["sentence"], alternatives_sentence(effect)])))
+    lines += [family["sentence"] for family in diagnosis.get("families", [])]
     if diagnosis["other"]["sentence"]:
         lines.append(f"What has no name: {diagnosis['other']['sentence']}")
     return lines

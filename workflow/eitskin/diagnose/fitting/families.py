@@ -1,0 +1,55 @@
+"""The members of families: one effect at every site, and what they do to the readings of a fit."""
+
+import numpy as np
+
+from eitskin.diagnose.fitting.candidates import Candidate
+from eitskin.diagnose.fitting.tangents import Tangents
+from eitskin.diagnose.noise.components import COMPONENTS
+from eitskin.diagnose.noise.families import Family
+
+LEAST_CHANGE = 1e-7  # of the readings, by a typical change of all members: less is rounding
+
+
+def members(candidates: list[Candidate]) -> dict[str, tuple[Candidate, ...]]:
+    """The candidates of a catalogue that are the members of each family that it has, by name."""
+    families = {
+        name: tuple(c for c in candidates if _is_member(c, family))
+        for name, family in COMPONENTS.items()
+        if isinstance(family, Family)
+    }
+    return {name: family for name, family in families.items() if family}
+
+
+def family_name(candidate: Candidate) -> str:
+    """The name of the family that a candidate is a member of."""
+    return next(
+        name
+        for name, family in COMPONENTS.items()
+        if isinstance(family, Family) and _is_member(candidate, family)
+    )
+
+
+def _is_member(candidate: Candidate, family: Family) -> bool:
+    scope = "dense" if family.sites else ""
+    return (
+        candidate.name == family.effect
+        and candidate.kind == family.sites
+        and candidate.scope == scope
+        and candidate.start in family.starts
+    )
+
+
+def family_columns(
+    tangents: Tangents, families: dict[str, tuple[Candidate, ...]]
+) -> dict[str, np.ndarray]:
+    """(K, N, M) by family: derivatives of the readings by the coordinates of its members; families
+    whose members change less than LEAST_CHANGE have none."""
+    shape = tangents.voltage.shape
+    columns = {}
+    for name, candidates in families.items():
+        raw = [column for c in candidates for column in tangents.raw_columns(c)]
+        present = [column.reshape(shape) for column in raw if column is not None]
+        length = np.linalg.norm(present) if present else 0.0
+        if length > LEAST_CHANGE * np.linalg.norm(tangents.voltage):
+            columns[name] = np.array(present, float)
+    return columns

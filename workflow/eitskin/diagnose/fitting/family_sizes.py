@@ -1,0 +1,83 @@
+"""The sds of families about a fit that has their members as coordinates.
+
+About the fit the readings are linear in its P coordinates theta, of prior variances v: with whitened
+slopes J (P, N M) and y = r + J^T theta, r the whitened residual, the marginal likelihood is
+
+    log L(v) = -1/2 [log det(I + D G D) + y^T y - b^T D (I + D G D)^-1 D b],
+
+D = diag(v)^(1/2), G = J J^T, b = J y: that of a linear mixed model (Harville, JASA 72, 1977). Sizes
+are those of the greatest likelihood under half-normal priors of one typical change.
+"""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+
+from eitskin.diagnose.fitting.families import family_name
+from eitskin.diagnose.fitting.fit import Fit
+from eitskin.diagnose.fitting.simulator import Member
+from eitskin.diagnose.noise.components import COMPONENTS
+
+MOST_GROWTH = 100.0  # times its sd, that a family may be learned to have
+ABSENT = 1e-3  # of its prior's sd: a family that is smaller does nothing
+
+
+@dataclass(frozen=True)
+class FamilySizes:
+    """The marginal likelihood of the sds of K families about a fit.
+
+    names: of the families; sds (K,): that the fit has, in typical changes; label (P,): the family
+    of each coordinate, -1 for none; variance (P,): of the coordinates' priors at these sds; gram
+    (P, P) and products (P,): G and b.
+    """
+
+    names: list[str]
+    sds: np.ndarray
+    label: np.ndarray
+    variance: np.ndarray
+    gram: np.ndarray
+    products: np.ndarray
+
+    @classmethod
+    def from_fit(cls, fit: Fit) -> "FamilySizes":
+        """About a fit whose simulator has families."""
+        model = fit.problem.model
+        member_names = [family_name(c) for c in model.families for _ in range(c.size)]
+        names = list(dict.fromkeys(member_names))
+        label = np.full(len(fit.theta), -1)
+        members = [i for i, item in enumerate(model.calibrations) if isinstance(item, Member)]
+        label[members] = [names.index(name) for name in member_names]
+        sds = [model.calibrations[members[member_names.index(name)]].sd for name in names]
+        gram = fit.information
+        products = fit.slopes.products_with(fit.residual) + gram @ fit.theta
+        return cls(names, np.array(sds), label, 1.0 / fit.prior, gram, products)
+
+    def log_likelihood(self, sds: np.ndarray) -> float:
+        """Of sds (K,), with their priors, up to a constant."""
+        ratio = np.r_[sds / self.sds, 1.0]
+        root = np.sqrt(self.variance) * ratio[self.label]
+        matrix = np.eye(len(root)) + root[:, None] * self.gram * root
+        scaled = root * self.products
+        explained = scaled @ np.linalg.solve(matrix, scaled)
+        prior = sum((sd / COMPONENTS[n].prior_sd) ** 2 for n, sd in zip(self.names, sds, strict=True))
+        return float(0.5 * (explained - np.linalg.slogdet(matrix)[1] - prior))
+
+    def greatest(self, absent: Collection[str] = ()) -> tuple[np.ndarray, float]:
+        """The sds (K,) of the greatest likelihood, and that; absent: families whose sd is 0."""
+        top = np.where([name in absent for name in self.names], 0.0, MOST_GROWTH)
+
+        def cost(logarithms: np.ndarray) -> float:
+            return -self.log_likelihood(np.where(top > 0.0, np.exp(logarithms), 0.0) * self.sds)
+
+        limits = (np.log(ABSENT), np.log(MOST_GROWTH))
+        best = minimize(cost, np.zeros(len(top)), method="L-BFGS-B", bounds=[limits] * len(top))
+        ratio = np.where(top > 0.0, np.exp(best.x), 0.0)
+        ratio[ratio < 2.0 * ABSENT] = 0.0
+        return ratio * self.sds, -float(best.fun)
+
+    def member_variance(self) -> np.ndarray:
+        """(P,): variance of the coordinates given the readings, over that of their priors."""
+        root = np.sqrt(self.variance)
+        return np.diag(np.linalg.inv(np.eye(len(root)) + root[:, None] * self.gram * root))

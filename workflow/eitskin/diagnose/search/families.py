@@ -1,0 +1,105 @@
+"""The members of the families that a recording has, fitted: a normal prior each, of learned sd.
+
+While effects are sought the members are part of the covariance, linear about a fit. Then they are
+coordinates of the fit itself, beside the calibrations: the simulation has them, predictions of
+readings left out are made with them, and no discrepancy of theirs is in any covariance.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from eitskin.diagnose.fitting.families import family_name
+from eitskin.diagnose.fitting.family_sizes import FamilySizes
+from eitskin.diagnose.fitting.fit import Fit, fit
+from eitskin.diagnose.fitting.jacobian import Jacobian
+from eitskin.diagnose.fitting.linearisation import linearised_rig_errors
+from eitskin.diagnose.fitting.simulator import RecordingSimulator
+from eitskin.diagnose.noise.components import COMPONENTS
+from eitskin.diagnose.noise.families import Family
+from eitskin.diagnose.search.explanation import Explanation
+from eitskin.diagnose.search.growth import Outcome
+from eitskin.diagnose.search.refits import explain
+from eitskin.diagnose.search.search import Cache
+
+SIZE_ROUNDS = 4  # in which members and sizes follow each other, at most
+SAME_SIZE = 0.1  # of a size, by which another round may still change it
+
+
+def family_sds(explanation: Explanation) -> dict[str, float]:
+    """The sds of the families that an explanation has in its covariance, in typical changes."""
+    return {
+        name: sd
+        for name, sd in explanation.error_sds.items()
+        if sd > 0.0 and isinstance(COMPONENTS[name], Family)
+    }
+
+
+def with_members(outcome: Outcome) -> Outcome:
+    """An outcome of a search whose families are fitted; itself where the explanation, linearised
+    about its own fit (`settled`), has none."""
+    search, calibration, explanation = outcome
+    sds = family_sds(explanation)
+    if not sds or explanation.rig is None:
+        return outcome
+    rest = {name: sd for name, sd in explanation.error_sds.items() if name not in sds}
+    whitening = explanation.rig.whitening(rest, fitted=True)
+    problem = replace(explanation.fit.problem, whitening=whitening, families={})
+    fitted = replace(explanation.fit, problem=problem)
+    for _ in range(SIZE_ROUNDS):
+        families = [(c, sd) for name, sd in sds.items() for c in search.problem.families[name]]
+        model = search.problem.model.with_families(families)
+        start = _with_coordinates(fitted, model)
+        fitted = fit(replace(problem, model=model), explanation.effects, start, polish=True)
+        sizes = FamilySizes.from_fit(fitted)
+        learned, _ = sizes.greatest()
+        is_settled = np.allclose(learned, sizes.sds, rtol=SAME_SIZE, atol=0.0)
+        sds = {name: sd for name, sd in zip(sizes.names, learned, strict=True) if sd > 0.0}
+        if is_settled or not sds:
+            break
+    search.report(f"a little wrong everywhere: {', '.join(sizes.names)}")
+    in_noise = replace(search.problem, model=model, families={})
+    rig = linearised_rig_errors(fitted, in_noise.whitening, search.converter_step)
+    search = replace(search, problem=in_noise, rig=rig, cache=Cache())
+    baseline = replace(calibration, fit=_without_members(calibration.fit, model), rig=rig)
+    return search, baseline, explain(search, fitted, explanation.p_values, rest, rig)
+
+
+def _with_coordinates(fitted: Fit, model: RecordingSimulator) -> np.ndarray:
+    """(P,): coordinates of a fit in a simulator with families, whose members are as they were in
+    the fit, 0 where they were not."""
+    old, count = fitted.problem.model, len(fitted.problem.model.calibrations)
+    sizes = sum(candidate.size for candidate in old.families)
+    values = {
+        (*candidate.key, i): u
+        for candidate, coordinates in old.family_coordinates(fitted.theta[:count])
+        for i, u in enumerate(coordinates)
+    }
+    keys = [(*candidate.key, i) for candidate in model.families for i in range(candidate.size)]
+    sds = [item.sd for item in model.calibrations[count - sizes :]]
+    members = [values.get(key, 0.0) / sd for key, sd in zip(keys, sds, strict=True)]
+    return np.r_[fitted.theta[: count - sizes], members, fitted.theta[count:]]
+
+
+def _without_members(fitted: Fit, model: RecordingSimulator) -> Fit:
+    """A fit in a simulator with families, whose members are all 0 and do nothing."""
+    problem = replace(fitted.problem, model=model, families={})
+    count, size = len(fitted.problem.model.calibrations), len(model.calibrations)
+    slopes = np.insert(fitted.jacobian, [count] * (size - count), 0.0, axis=0)
+    theta = _with_coordinates(fitted, model)
+    return replace(fitted, problem=problem, theta=theta, slopes=Jacobian(slopes))
+
+
+def without_family(fitted: Fit, name: str) -> Fit:
+    """A fit without one of its families, all the rest fitted anew."""
+    old, count = fitted.problem.model, len(fitted.problem.model.calibrations)
+    start = count - sum(candidate.size for candidate in old.families)
+    families, theta = [], [fitted.theta[:start]]
+    for candidate in old.families:
+        if family_name(candidate) != name:
+            families.append((candidate, old.calibrations[start].sd))
+            theta.append(fitted.theta[start : start + candidate.size])
+        start += candidate.size
+    model = old.without_families().with_families(families)
+    problem = replace(fitted.problem, model=model)
+    return fit(problem, fitted.effects, np.concatenate([*theta, fitted.theta[count:]]), polish=True)

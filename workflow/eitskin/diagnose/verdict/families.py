@@ -1,0 +1,126 @@
+"""Families of a diagnosis: what is a little wrong at every site, its size and its members."""
+
+from typing import Any
+
+import numpy as np
+
+from eitskin.diagnose.fitting.candidates import Candidate
+from eitskin.diagnose.fitting.families import family_name
+from eitskin.diagnose.fitting.family_sizes import FamilySizes
+from eitskin.diagnose.fitting.held_out import held_out
+from eitskin.diagnose.fitting.simulator import Member
+from eitskin.diagnose.noise.components import COMPONENTS
+from eitskin.diagnose.noise.families import Family
+from eitskin.diagnose.noise.noise_model import NORMAL_90
+from eitskin.diagnose.search.families import without_family
+from eitskin.diagnose.search.gates import FAMILY
+from eitskin.diagnose.verdict.diagnosis import Diagnosis
+from eitskin.diagnose.verdict.family_words import family_sentence
+
+CLASS_NATS = 3.0  # fewer, lost without a family whose place others take: one class with these
+GROWTH = 1.25  # times its sd, to which a family grows that takes another's place
+
+
+def families(diagnosis: Diagnosis) -> list[dict]:
+    """`families` of diagnosis.json that pass `FAMILY`: of each its sd with a 90 % interval, the share of the held-out
+    misfit that returns without it, its members, and the families from which it cannot be told.
+
+    The interval is that of the logarithm of a variance known from as many squares as members are
+    determined by the readings.
+    """
+    fitted = diagnosis.named_fit
+    if not fitted.problem.model.families:
+        return []
+    sizes = FamilySizes.from_fit(fitted)
+    _, best = sizes.greatest()
+    determined = 1.0 - sizes.member_variance()
+    entries = []
+    for index, name in enumerate(sizes.names):
+        family = COMPONENTS[name]
+        assert isinstance(family, Family)
+        members = [c for c in fitted.problem.model.families if family_name(c) == name]
+        unit, typical = _unit(members[0])
+        sd = typical * float(sizes.sds[index])
+        count = max(float(determined[sizes.label == index].sum()), 1.0)
+        factor = float(np.exp(NORMAL_90 * np.sqrt(0.5 / count)))
+        others, likelihood = sizes.greatest([name])
+        confused = [
+            other
+            for other, grown, before in zip(sizes.names, others, sizes.sds, strict=True)
+            if best - likelihood < CLASS_NATS and other != name and grown > GROWTH * before
+        ]
+        _, without = sizes.greatest([name, *confused])
+        if not FAMILY.admits(best - without):
+            continue
+        entry: dict[str, Any] = {
+            "name": name,
+            "kind": family.group,
+            "driver": members[0].effect.driver,
+            "sd": {"value": sd, "low": sd / factor, "high": sd * factor, "unit": unit},
+            "share": _share(diagnosis, name),
+            "confused_with": confused,
+            **_members(diagnosis, members, typical),
+        }
+        entry["sentence"] = family_sentence(entry)
+        entries.append(entry)
+    return sorted(entries, key=lambda entry: -entry["share"])
+
+
+def stands_out(diagnosis: Diagnosis, index: int) -> float | None:
+    """The deviation of effect `index` over the sd of the family of its name, of several sites the
+    least; None where there is no such family."""
+    fit = diagnosis.named_fit
+    effect, model = fit.effects[index], fit.problem.model
+    for family in model.families:
+        if (family.name, family.kind) == (effect.name, effect.kind):
+            label = f"{family.name} 0"
+            sd = next(item.sd for item in model.calibrations if item.name == label)
+            return float(np.abs(fit.theta[fit.coordinate_slice(index)]).min() / sd)
+    return None
+
+
+def _unit(candidate: Candidate) -> tuple[str, float]:
+    """The unit of a family's sd and a typical change in it; "1" for the logarithm of a value that
+    stays above 0."""
+    key, _ = candidate.names[0]
+    parameter = candidate.effect.parameters[key]
+    unit = "1" if parameter.low > 0.0 else parameter.unit
+    return unit, candidate.scales.typical_change(parameter)
+
+
+def _members(diagnosis: Diagnosis, members: list[Candidate], typical: float) -> dict:
+    """`sites`, `values` and `values_sd` of a family: of one without sites, the harmonics and the
+    amplitudes."""
+    fit = diagnosis.named_fit
+    model, covariance = fit.problem.model, fit.covariance
+    calibration = fit.theta[: len(model.calibrations)]
+    start = len(calibration) - sum(candidate.size for candidate in model.families)
+    sites: list[int] = []
+    values: list[float] = []
+    sds: list[float] = []
+    for candidate, coordinates in model.family_coordinates(calibration):
+        stop = start + candidate.size
+        if any(candidate is member for member in members):
+            item = model.calibrations[start]
+            assert isinstance(item, Member)
+            spread = typical * item.sd * np.sqrt(np.diag(covariance)[start:stop])
+            if candidate.sites is None:
+                sites.append(int(candidate.start["harmonic"]))
+                values.append(typical * float(np.linalg.norm(coordinates)))
+                sds.append(float(np.sqrt((spread**2).mean())))
+            else:
+                sites += [int(site) for site in candidate.sites]
+                values += (typical * coordinates).tolist()
+                sds += spread.tolist()
+        start = stop
+    return {"sites": sites, "values": values, "values_sd": sds}
+
+
+def _share(diagnosis: Diagnosis, name: str) -> float:
+    """Share of the excess chi squared of the folds left out that returns without a family, the rest
+    fitted anew, of 0 to 1."""
+    before = diagnosis.prediction_by(diagnosis.baseline)
+    without = held_out(without_family(diagnosis.named_fit, name), diagnosis.search.folds)
+    excess = before.chi2.sum() - before.reading_count
+    returned = without.chi2.sum() - diagnosis.prediction.chi2.sum()
+    return float(np.clip(returned / excess if excess > 0.0 else 0.0, 0.0, 1.0))

@@ -1,0 +1,226 @@
+"""Recordings of skins that are a little wrong at every site, with known truth.
+
+    draw("dense:16 adjacent", 3), draw("dense:16 skip-3 object", 7)
+
+Nobody touches. All families at once, each of a size of its own: currents of drives, gains of pairs,
+electrodes' places, widths and contacts, the rim's harmonics, a memory of the multiplexer; half the
+recordings have a culprit beside them, a site that stands out of its family, or an object in the
+gel. No line is shared with the diagnosis. Equal kinds and seeds give the same recording bit for
+bit.
+"""
+
+from dataclasses import dataclass, replace
+from zlib import crc32
+
+import numpy as np
+import pandas as pd
+
+from eitskin.data.recording import Recording, frames_table
+from eitskin.errors import InputError
+from eitskin.physics.protocol import channel_table
+from eitskin.physics.skin import Skin
+from witness.cases import log_uniform, owners_metadata
+from witness.world import World
+
+PROTOCOLS = ("8 adjacent", "16 adjacent", "16 opposite", "16 skip-3", "32 adjacent")
+ENDINGS = ("", " member", " members", " object")  # what stands out
+# Ranges of the families' sds: 1, degrees, logarithms, share of the radius of a harmonic.
+SIZES = {
+    "drive-gain": (2e-3, 0.2),
+    "measurement-gain": (2e-3, 0.2),
+    "electrode-position": (0.05, 1.5),
+    "electrode-width": (0.01, 0.15),
+    "contact-impedance": (0.05, 0.7),
+    "rim-modes": (3e-4, 0.02),
+}
+MEMORY = (1e-4, 0.03)  # of the multiplexer
+HARMONICS = (2, 3, 4, 5)
+RATIO = (3.0, 30.0)  # of a culprit's deviation over its family's sd
+GAIN_CAP, PITCH_CAP, CONTACT_CAP = 0.5, 0.4, np.log(100.0)
+LEAST_GAP = 0.15  # of the pitch, between neighbouring electrodes
+RADII, REACH = (0.12, 0.22), 0.7  # of objects, and of their places, shares of the skin's radius
+CONTRASTS = (0.05, 20.0)  # insulating and conducting objects
+LEVELS = (1e-5, 1e-3)  # of the noise over the median |v|
+FRAMES = (1, 30)
+CULPRITS = ("electrode-position", "contact-impedance", "drive-gain", "measurement-gain")
+SITES = {"drive-gain": "drives", "measurement-gain": "measures"}
+
+
+@dataclass(frozen=True)
+class Dense:
+    """A recording and its truth: the skin's true values, the families' values, one a site, in the
+    units of SIZES; culprits: laws with `ratio`, their deviation over the family's sd; objects: laws
+    of patches; query_clean (Q,) V: of channels `query` (Q, 4), noise-free."""
+
+    kind: str
+    seed: int
+    recorded: Recording
+    true: Skin
+    families: dict[str, np.ndarray]
+    culprits: list[dict]
+    objects: list[dict]
+    memory: float
+    clean: np.ndarray
+    query: np.ndarray
+    query_clean: np.ndarray
+
+
+def draw(kind: str, seed: int) -> Dense:
+    """One recording. kind: dense:, one of PROTOCOLS and one of ENDINGS. Raises InputError for
+    another."""
+    protocol, _, ending = kind.removeprefix("dense:").partition(" ")[2].partition(" ")
+    electrodes = kind.removeprefix("dense:").split(" ")[0]
+    if f"{electrodes} {protocol}" not in PROTOCOLS or f" {ending}".rstrip() not in ENDINGS:
+        expected = f"dense:, one of {', '.join(PROTOCOLS)} and one of {', '.join(ENDINGS)}"
+        raise InputError("dense", "kind", repr(kind), expected)
+    rng = np.random.default_rng([crc32(kind.encode()), seed])
+    count = int(electrodes)
+    while True:
+        believed = _skin(rng, count)
+        families = {name: _members(rng, name, count) for name in SIZES}
+        culprits = _culprits(rng, families, {"member": 1, "members": 2}.get(ending, 0))
+        if _fits(believed, families):
+            break
+    objects = [_object(rng, believed)] if ending == "object" else []
+    memory = log_uniform(rng, *MEMORY)
+    laws = [*_laws(families, believed), *objects]
+    laws.append({"name": "multiplexer-memory", "parameters": {"mu": memory}})
+    channels = channel_table(count, protocol, "adjacent")
+    frames = int(rng.choice(FRAMES))
+    states = _untouched(frames)
+    clean = World(believed, channels, 0.04).readings(states.iloc[:1], laws)[0]
+    noise = log_uniform(rng, *LEVELS) * float(np.median(np.abs(clean)))
+    voltage = clean + noise * rng.standard_normal((frames, len(channels)))
+    metadata = owners_metadata(channels, 0.04, _stated(rng, believed))
+    query = channel_table(count, "skip-2", "adjacent")
+    # A drive of the query that the recording has not has no gain that anybody could know.
+    shared = [law for law in laws if law["name"] not in ("drive-gain", "multiplexer-memory")]
+    query_clean = World(believed, query, 0.04).readings(states.iloc[:1], shared)[0]
+    return Dense(
+        kind,
+        seed,
+        Recording(states, voltage, None, None, metadata),
+        believed,
+        families,
+        culprits,
+        objects,
+        memory,
+        clean,
+        query,
+        query_clean,
+    )
+
+
+def _skin(rng: np.random.Generator, count: int) -> Skin:
+    radius_mm = round(float(rng.uniform(50.0, 100.0)), 1)
+    pitch_mm = 2.0 * np.pi * radius_mm / count
+    return Skin(
+        radius_mm=radius_mm,
+        thickness_mm=round(float(rng.uniform(2.0, 4.0)), 2),
+        conductivity_S_per_m=round(float(rng.uniform(0.2, 1.0)), 3),
+        electrode_deg=tuple((360.0 / count * np.arange(count)).tolist()),
+        electrode_width_mm=round(float(rng.uniform(0.2, 0.5)) * pitch_mm, 2),
+        contact_impedivity_ohm_m2=log_uniform(rng, 5e-4, 1e-2),
+        current_A=log_uniform(rng, 1e-4, 5e-3),
+        contrast_per_N=0.5,
+    )
+
+
+def _stated(rng: np.random.Generator, skin: Skin) -> Skin:
+    """The skin as its owner states it: all of it, or only its size and electrodes, or nothing."""
+    known = int(rng.integers(3))
+    if known == 0:
+        return skin
+    values = {"conductivity_S_per_m": None, "contact_impedivity_ohm_m2": None}
+    values |= {"contrast_per_N": None, "current_A": None}
+    if known == 2:
+        values |= {"radius_mm": None, "thickness_mm": None, "electrode_width_mm": None}
+    return replace(skin, **values)
+
+
+def _members(rng: np.random.Generator, name: str, count: int) -> np.ndarray:
+    """(n,): the values of a family, of the rim (2, 4) cosine and sine amplitudes."""
+    sd = log_uniform(rng, *SIZES[name])
+    shape = (2, len(HARMONICS)) if name == "rim-modes" else (count,)
+    return sd * rng.standard_normal(shape)
+
+
+def _culprits(
+    rng: np.random.Generator, families: dict[str, np.ndarray], number: int
+) -> list[dict]:
+    """Sites that are made to stand out of their families, which `families` then hold."""
+    culprits = []
+    for name in rng.permutation(CULPRITS)[:number]:
+        values = families[str(name)]
+        sd = float(np.sqrt(np.mean(values**2)))
+        site = int(rng.integers(len(values)))
+        cap = {"electrode-position": PITCH_CAP * 360.0 / len(values)}.get(
+            str(name), CONTACT_CAP if name == "contact-impedance" else GAIN_CAP
+        )
+        deviation = float(rng.choice([-1.0, 1.0])) * min(log_uniform(rng, *RATIO) * sd, cap)
+        values[site] = deviation
+        culprits.append({"name": str(name), "site": site, "value": deviation, "ratio": abs(deviation) / sd})
+    return culprits
+
+
+def _fits(skin: Skin, families: dict[str, np.ndarray]) -> bool:
+    """Whether neighbouring electrodes keep LEAST_GAP of the pitch between them."""
+    assert skin.radius_mm is not None and skin.electrode_width_mm is not None
+    deg = np.array(skin.electrode_deg) + families["electrode-position"]
+    half = np.degrees(
+        0.5 * skin.electrode_width_mm * np.exp(families["electrode-width"]) / skin.radius_mm
+    )
+    gaps = np.diff(np.r_[deg, deg[0] + 360.0]) - half - np.roll(half, -1)
+    return bool(gaps.min() > LEAST_GAP * 360.0 / len(deg))
+
+
+def _object(rng: np.random.Generator, skin: Skin) -> dict:
+    """A disc of another conductivity."""
+    assert skin.radius_mm is not None
+    place = skin.radius_mm * REACH * np.sqrt(rng.uniform()) * np.exp(2j * np.pi * rng.uniform())
+    values = {
+        "x_mm": float(place.real),
+        "y_mm": float(place.imag),
+        "radius_mm": float(skin.radius_mm * rng.uniform(*RADII)),
+        "contrast": float(rng.choice(CONTRASTS)),
+    }
+    return {"name": "conductivity-patch", "parameters": values}
+
+
+def _laws(families: dict[str, np.ndarray], skin: Skin) -> list[dict]:
+    """The families as laws."""
+    assert skin.electrode_width_mm is not None
+    everywhere = list(range(len(families["electrode-position"])))
+    values = {
+        "drive-gain": ("gain", 1.0 + families["drive-gain"]),
+        "measurement-gain": ("gain", 1.0 + families["measurement-gain"]),
+        "electrode-position": ("shift_deg", families["electrode-position"]),
+        "electrode-width": (
+            "width_mm",
+            skin.electrode_width_mm * np.exp(families["electrode-width"]),
+        ),
+        "contact-impedance": ("ratio", np.exp(families["contact-impedance"])),
+    }
+    laws: list[dict] = [
+        {
+            "name": name,
+            SITES.get(name, "electrodes"): everywhere,
+            "parameters": {key: amounts.tolist()},
+        }
+        for name, (key, amounts) in values.items()
+    ]
+    for harmonic, amplitude in zip(HARMONICS, families["rim-modes"].T, strict=True):
+        cosine, sine = (float(part) for part in amplitude)
+        parameters = {
+            "harmonic": harmonic,
+            "amplitude": float(np.hypot(cosine, sine)),
+            "phase_deg": float(np.degrees(np.arctan2(sine, cosine))),
+        }
+        laws.append({"name": "domain-shape", "parameters": parameters})
+    return laws
+
+
+def _untouched(count: int) -> pd.DataFrame:
+    """States of frames in which nobody touches."""
+    frames = frames_table(np.round(0.05 * np.arange(count), 4), np.zeros(count, bool))
+    return frames.assign(contact=pd.array([None] * count, dtype="Int64"))
