@@ -145,9 +145,7 @@ def _members(rng: np.random.Generator, name: str, count: int) -> np.ndarray:
     return sd * rng.standard_normal(shape)
 
 
-def _culprits(
-    rng: np.random.Generator, families: dict[str, np.ndarray], number: int
-) -> list[dict]:
+def _culprits(rng: np.random.Generator, families: dict[str, np.ndarray], number: int) -> list[dict]:
     """Sites that are made to stand out of their families, which `families` then hold."""
     culprits = []
     for name in rng.permutation(CULPRITS)[:number]:
@@ -159,7 +157,9 @@ def _culprits(
         )
         deviation = float(rng.choice([-1.0, 1.0])) * min(log_uniform(rng, *RATIO) * sd, cap)
         values[site] = deviation
-        culprits.append({"name": str(name), "site": site, "value": deviation, "ratio": abs(deviation) / sd})
+        culprits.append(
+            {"name": str(name), "site": site, "value": deviation, "ratio": abs(deviation) / sd}
+        )
     return culprits
 
 

@@ -1,5 +1,7 @@
 """The members of families: one effect at every site, and what they do to the readings of a fit."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from eitskin.diagnose.fitting.candidates import Candidate
@@ -40,7 +42,7 @@ def _is_member(candidate: Candidate, family: Family) -> bool:
 
 
 def family_columns(
-    tangents: Tangents, families: dict[str, tuple[Candidate, ...]]
+    tangents: Tangents, families: Mapping[str, tuple[Candidate, ...]]
 ) -> dict[str, np.ndarray]:
     """(K, N, M) by family: derivatives of the readings by the coordinates of its members; families
     whose members change less than LEAST_CHANGE have none."""

@@ -1,7 +1,7 @@
 """The sds of families about a fit that has their members as coordinates.
 
-About the fit the readings are linear in its P coordinates theta, of prior variances v: with whitened
-slopes J (P, N M) and y = r + J^T theta, r the whitened residual, the marginal likelihood is
+About the fit the readings are linear in its P coordinates theta, of prior variances v: with
+whitened slopes J (P, N M) and y = r + J^T theta, r the whitened residual, the marginal likelihood is
 
     log L(v) = -1/2 [log det(I + D G D) + y^T y - b^T D (I + D G D)^-1 D b],
 
@@ -61,7 +61,9 @@ class FamilySizes:
         matrix = np.eye(len(root)) + root[:, None] * self.gram * root
         scaled = root * self.products
         explained = scaled @ np.linalg.solve(matrix, scaled)
-        prior = sum((sd / COMPONENTS[n].prior_sd) ** 2 for n, sd in zip(self.names, sds, strict=True))
+        prior = sum(
+            (sd / COMPONENTS[n].prior_sd) ** 2 for n, sd in zip(self.names, sds, strict=True)
+        )
         return float(0.5 * (explained - np.linalg.slogdet(matrix)[1] - prior))
 
     def greatest(self, absent: Collection[str] = ()) -> tuple[np.ndarray, float]:

@@ -337,8 +337,9 @@ def _slopes(
     columns: np.ndarray | None = None,
 ) -> Jacobian:
     """Minus the residual's derivative at theta (P,). Of columns (P, N, M) those that are NaN are
-    computed, all of them where there are no columns. Coordinates that change channels exclusive to
-    each are differenced together."""
+    computed, all of them where there are no columns; those of members of families are as the
+    simulator has them. Coordinates that change channels exclusive to each are differenced
+    together."""
     shape = residual.shape
     missing = np.ones(len(theta), bool) if columns is None else np.isnan(columns[:, 0]).any(axis=1)
     exclusive = []
@@ -361,6 +362,11 @@ def _slopes(
         slopes = Jacobian(np.empty((size, *shape)), empty)
     else:
         slopes = Jacobian.from_full(columns, blocks)
+    members, member_columns = problem.model.member_columns
+    if len(members):
+        rows = np.searchsorted(slopes.column_coordinates, members)
+        slopes.columns[rows] = in_groups(whitening, member_columns)
+        missing[members] = False
     for coordinates, channel_masks in exclusive:
         if missing[coordinates].any():
             joint_column = derivative(problem, theta, effects, residual, coordinates)

@@ -52,8 +52,8 @@ def predict(fit: Fit, recording: Recording, query: Recording) -> tuple[np.ndarra
 
 
 def _unmapped_effects(fit: Fit, recording: Recording, query: Recording) -> list[int]:
-    """The indices of the families and effects of a recording's fit that some of a query's channels are predicted
-    without; a line on stderr each says of which."""
+    """The indices of the families and effects of a recording's fit that some of a query's channels
+    are predicted without; a line on stderr each says of which."""
     indices = []
     for index, setting in enumerate([*fit.family_settings(), *fit.settings()]):
         rows = unmapped_channels(setting, recording.channels, query.channels)
@@ -70,7 +70,8 @@ def _unmapped_effects(fit: Fit, recording: Recording, query: Recording) -> list[
 def simulator(fit: Fit, recording: Recording, query: Recording) -> Callable[..., np.ndarray]:
     """Voltages (N, M) of a query's states by its channels, noise-free, as a function of the
     coordinates (P,) of a recording's fit, and of the index of a family or an effect that differs by
-    its spread at sites which the recording does not have. Raises InputError for touches of unknown state."""
+    its spread at sites which the recording does not have. Raises InputError for touches of unknown
+    state."""
     problem = Problem(
         RecordingSimulator(query, fit.problem.model), np.zeros(1), fit.problem.whitening
     )

@@ -84,7 +84,8 @@ class RecordingSimulator:
     base: of a query, the simulator that was fitted, whose skin, calibrations, form, unit and
     largest force it has; solved_skins: a cache to share. nominal_skin: the skin as stated, with
     starts for what is not; calibrations: what is fitted of it, and at last the members of the
-    families, each at all its sites; states: those of the frames;
+    families, each at all its sites; member_derivatives (K, N, M): of the readings by the members'
+    coordinates about a fit, which fits near it take as they are; states: those of the frames;
     touched, simulable (N,) bool: whether a frame is touched, and whether its touch is stated well
     enough; coarse: whether bodies are solved at accuracy train. Raises InputError where no frame
     can be simulated, or the scale of the readings is unknown and none can be estimated.
@@ -94,6 +95,7 @@ class RecordingSimulator:
     nominal_skin: Skin
     calibrations: list[Calibration]
     families: tuple[Candidate, ...] = ()
+    member_derivatives: np.ndarray | None = None
     difference: bool
     magnitude: bool
     unit: str
@@ -175,9 +177,7 @@ class RecordingSimulator:
         )
         return simulator
 
-    def with_families(
-        self, families: Sequence[tuple[Candidate, float]]
-    ) -> "RecordingSimulator":
+    def with_families(self, families: Sequence[tuple[Candidate, float]]) -> "RecordingSimulator":
         """The simulator with the coordinates of families among its calibrations, each with its sd
         in typical changes."""
         simulator = copy(self)
@@ -195,8 +195,23 @@ class RecordingSimulator:
     def without_families(self) -> "RecordingSimulator":
         """The simulator without families."""
         simulator = copy(self)
-        simulator.families = ()
+        simulator.families, simulator.member_derivatives = (), None
         simulator.calibrations = [c for c in self.calibrations if not isinstance(c, Member)]
+        return simulator
+
+    @property
+    def member_columns(self) -> tuple[np.ndarray, np.ndarray]:
+        """The numbers (K,) of the calibrations that are members of families, and the derivatives
+        (K, N, M) of the readings by them; none where these are not known."""
+        if self.member_derivatives is None:
+            return np.zeros(0, int), np.zeros((0, *self.simulable.shape, len(self.channels)))
+        count = len(self.member_derivatives)
+        return np.arange(len(self.calibrations))[-count:], self.member_derivatives
+
+    def with_member_derivatives(self, derivatives: np.ndarray) -> "RecordingSimulator":
+        """The simulator with known derivatives (K, N, M) by the members' coordinates."""
+        simulator = copy(self)
+        simulator.member_derivatives = derivatives
         return simulator
 
     def family_coordinates(self, coordinates: np.ndarray) -> list[tuple[Candidate, np.ndarray]]:

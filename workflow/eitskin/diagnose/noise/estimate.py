@@ -18,7 +18,7 @@ from eitskin.diagnose.noise.coherent_rank import rank_above_noise
 from eitskin.diagnose.noise.converter import ROUNDING, converter_step, lasting_rounding_sd
 from eitskin.diagnose.noise.noise_model import NoiseModel, VarianceLaw
 from eitskin.diagnose.noise.reciprocity import parity
-from eitskin.diagnose.noise.single_frame import single_frame_law, without_gains
+from eitskin.diagnose.noise.single_frame import beside_gains, single_frame_law
 
 FLOOR = 1e-6  # of the median |v|: no board resolves less
 ASSUMED = 1e-3  # of the median |v|, where nothing shows the noise: of an ordinary board
@@ -281,12 +281,10 @@ def _single_frame_noise(
     floor = FLOOR * typical
     if odd.shape[1]:
         contrasts, squared_level = readings.values[0] @ odd, (odd**2).T @ readings.squared_level
-        beside_gains = without_gains(readings.values[0], odd, readings.channels)
-        aside = ""
-        if beside_gains is not None:
-            aside = f" beside the gains of drives and measuring pairs, {beside_gains.shape[1]} left,"
-            contrasts = beside_gains.T @ contrasts
-            squared_level = (beside_gains**2).T @ squared_level
+        aside, beside = "", beside_gains(readings.values[0], readings.channels)
+        if beside is not None:
+            contrasts, squared_level = beside
+            aside = f", {len(contrasts)} beside the gains of drives and measuring pairs"
         law, dof = single_frame_law(contrasts, squared_level)
         source = (
             f"the odd half of {odd.shape[1]} reciprocal contrasts in the only frame{aside}, an "

@@ -14,6 +14,7 @@ from scipy.special import expit, logsumexp
 from scipy.stats import f, norm
 
 from eitskin.diagnose.noise.noise_model import VarianceLaw
+from eitskin.physics.protocol import tied_channels
 
 TAILS = 4.0  # degrees of freedom of the Student distribution
 MIXES = expit(np.linspace(-8.0, 8.0, 33))  # w, alike probable beforehand
@@ -49,30 +50,41 @@ def single_frame_law(contrasts: np.ndarray, squared_level: np.ndarray) -> tuple[
     return law, 2.0 / (2.0 / (_efficiency() * len(contrasts)) + spread)
 
 
-def without_gains(
-    values: np.ndarray, odd: np.ndarray, channels: np.ndarray
-) -> np.ndarray | None:
-    """(P, K): orthonormal combinations of the odd half (M, P) of a frame (M,) that gains of the
-    drives and measuring pairs of its channels (M, 4) leave alone; None where such gains explain no
-    more of it than chance would, by Fisher's F at GAIN_P, or leave fewer than LEAST_LEFT.
+def beside_gains(values: np.ndarray, channels: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Combinations (K,) of the reciprocal contrasts of a frame (M,) that gains of the drives and
+    measuring pairs of its channels (M, 4) leave alone, and their mean square reading (K,).
 
     Gains differ from drive to drive on every board, and a frame with them has an odd half far above
-    its noise.
+    its noise. The logarithm of the ratio of two reciprocal readings is linear in those of the
+    gains. None where such gains explain no more of it than chance would, by Fisher's F at GAIN_P,
+    where they leave fewer than LEAST_LEFT, and where readings do not stand in pairs of one sign.
     """
-    contrasts = values @ odd
-    by_site = [
-        (channels[:, column] == site) * values for column in (0, 2) for site in range(channels.max() + 1)
+    group, sign = tied_channels(channels)
+    order = np.argsort(group, kind="stable")
+    first = np.flatnonzero(np.bincount(group) == 2)
+    pairs = order[np.searchsorted(group[order], first)[:, None] + np.arange(2)]
+    one, other = (sign * values)[pairs].T
+    if len(pairs) < len(channels) // 2 or not (one * other > 0.0).all():
+        return None
+    level = np.sqrt(one * other)
+    contrasts = level * np.log(one / other) / np.sqrt(2.0)
+    sites = np.arange(channels.max() + 1)
+    columns = [
+        (channels[pairs[:, 0], key][:, None] == sites) * 1.0
+        - (channels[pairs[:, 1], key][:, None] == sites)
+        for key in (0, 2)
     ]
-    directions, sizes, _ = np.linalg.svd(odd.T @ np.array(by_site).T)
+    directions, sizes, _ = np.linalg.svd(level[:, None] * np.hstack(columns))
     rank = int((sizes > RANK_SHARE * sizes.max(initial=0.0)).sum())
     left = directions[:, rank:]
     if left.shape[1] < LEAST_LEFT:
         return None
-    remainder = float(((left.T @ contrasts) ** 2).mean())
+    beside = left.T @ contrasts
+    remainder = max(float((beside**2).mean()), np.finfo(float).tiny)
     explained = float(((directions[:, :rank].T @ contrasts) ** 2).mean())
-    if f.sf(explained / max(remainder, np.finfo(float).tiny), rank, left.shape[1]) > GAIN_P:
+    if f.sf(explained / remainder, rank, left.shape[1]) > GAIN_P:
         return None
-    return left
+    return beside, (left**2).T @ level**2
 
 
 def _scale(contrasts: np.ndarray, shape: np.ndarray) -> np.ndarray:

@@ -18,10 +18,11 @@ from eitskin.diagnose.fitting.simulator import RecordingSimulator
 from eitskin.diagnose.noise.components import COMPONENTS
 from eitskin.diagnose.noise.families import Family
 from eitskin.diagnose.search.explanation import Explanation
-from eitskin.diagnose.search.growth import Outcome
+from eitskin.diagnose.search.growth import Outcome, cut_short
 from eitskin.diagnose.search.refits import explain
 from eitskin.diagnose.search.search import Cache
 
+MEMBERS_SHARE = 0.25  # of a budget, that is left for what comes beside fitted members
 SIZE_ROUNDS = 4  # in which members and sizes follow each other, at most
 SAME_SIZE = 0.1  # of a size, by which another round may still change it
 
@@ -57,12 +58,30 @@ def with_members(outcome: Outcome) -> Outcome:
         sds = {name: sd for name, sd in zip(sizes.names, learned, strict=True) if sd > 0.0}
         if is_settled or not sds:
             break
+    model = model.with_member_derivatives(_member_derivatives(fitted))
+    fitted = replace(fitted, problem=replace(fitted.problem, model=model))
     search.report(f"a little wrong everywhere: {', '.join(sizes.names)}")
     in_noise = replace(search.problem, model=model, families={})
     rig = linearised_rig_errors(fitted, in_noise.whitening, search.converter_step)
-    search = replace(search, problem=in_noise, rig=rig, cache=Cache())
+    if search.spent:
+        cut_short(search, explanation)
+    used = max(search.budget_used, 1.0) * search.budget_share
+    search = replace(
+        search,
+        problem=in_noise,
+        rig=rig,
+        cache=Cache(null=search.cache.null),
+        budget_share=used + MEMBERS_SHARE,
+    )
     baseline = replace(calibration, fit=_without_members(calibration.fit, model), rig=rig)
     return search, baseline, explain(search, fitted, explanation.p_values, rest, rig)
+
+
+def _member_derivatives(fitted: Fit) -> np.ndarray:
+    """(K, N, M): derivatives of the readings by the members of a fit's families."""
+    stop = len(fitted.problem.model.calibrations)
+    count = sum(candidate.size for candidate in fitted.problem.model.families)
+    return fitted.problem.whitening.unwhitened(fitted.jacobian[stop - count : stop])
 
 
 def _with_coordinates(fitted: Fit, model: RecordingSimulator) -> np.ndarray:
@@ -83,6 +102,8 @@ def _with_coordinates(fitted: Fit, model: RecordingSimulator) -> np.ndarray:
 
 def _without_members(fitted: Fit, model: RecordingSimulator) -> Fit:
     """A fit in a simulator with families, whose members are all 0 and do nothing."""
+    members = sum(candidate.size for candidate in model.families)
+    model = model.with_member_derivatives(np.zeros((members, *fitted.residual.shape)))
     problem = replace(fitted.problem, model=model, families={})
     count, size = len(fitted.problem.model.calibrations), len(model.calibrations)
     slopes = np.insert(fitted.jacobian, [count] * (size - count), 0.0, axis=0)

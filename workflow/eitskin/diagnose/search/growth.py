@@ -53,6 +53,7 @@ from eitskin.diagnose.search.refits import (
     explain,
     in_processes,
     linearised,
+    named_fit,
     polished,
     reduced,
     settled,
@@ -231,6 +232,14 @@ def _with_free_channels(search: Search, explanation: Explanation) -> Explanation
         if isinstance(trial, Explanation) and trial.log_evidence > explanation.log_evidence:
             better.append(trial.with_p_values({**trial.p_values, candidate.key: p}))
     return max(better, key=lambda trial: trial.log_evidence, default=None)
+
+
+def regrown(search: Search, explanation: Explanation) -> Explanation:
+    """An explanation with what is warranted beside its families, which are fitted by now; itself
+    where what is left is no more than noise."""
+    named = named_fit(explanation)
+    size = max(named.problem.whitening.size - len(named.theta), 1)
+    return explanation if named.chi2 < size else _grow(search, explanation)
 
 
 def _grow(search: Search, explanation: Explanation) -> Explanation:

@@ -22,12 +22,12 @@ def is_gross(search: Search, explanation: Explanation) -> bool:
 
 
 def likeness(search: Search, explanation: Explanation) -> float:
-    """Squared correlation of the readings, in noise units, with what is simulated; below 0 where
-    the correlation is negative."""
-    whitening = search.problem.whitening
+    """Squared correlation of the readings with what is simulated; below 0 where the correlation is
+    negative. In the readings' unit: noise that grows with the reading would weigh the smallest, of
+    which a simulation is surest to err, like the largest."""
+    mask = search.problem.whitening.mask
     simulated, recorded = (
-        (voltage / whitening.sd)[whitening.mask]
-        for voltage in (explanation.fit.voltage(), search.problem.readings)
+        voltage[mask] for voltage in (explanation.fit.voltage(), search.problem.readings)
     )
     simulated, recorded = simulated - simulated.mean(), recorded - recorded.mean()
     lengths = float((simulated @ simulated) * (recorded @ recorded))

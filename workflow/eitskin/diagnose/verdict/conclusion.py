@@ -30,8 +30,8 @@ PART_KEYS = ("verdict", "effects", "other", "fit")  # what diagnosis.json has of
 @dataclass(frozen=True)
 class Verdict:
     """diagnosis.json as an object, with the fields of the contract; `recording`, a name, is given
-    where it is written. parts, steps: empty unless the recording has steps in time; families: unless
-    something is a little wrong at every site."""
+    where it is written. parts, steps: empty unless the recording has steps in time; families:
+    unless something is a little wrong at every site."""
 
     verdict: str
     calibration: dict[str, dict]

@@ -22,8 +22,9 @@ GROWTH = 1.25  # times its sd, to which a family grows that takes another's plac
 
 
 def families(diagnosis: Diagnosis) -> list[dict]:
-    """`families` of diagnosis.json that pass `FAMILY`: of each its sd with a 90 % interval, the share of the held-out
-    misfit that returns without it, its members, and the families from which it cannot be told.
+    """`families` of diagnosis.json that pass `FAMILY`: of each its sd with a 90 % interval, the
+    share of the held-out misfit that returns without it, its members, and the families from which
+    it cannot be told.
 
     The interval is that of the logarithm of a variance known from as many squares as members are
     determined by the readings.

@@ -3,6 +3,7 @@
 from eitskin.diagnose.verdict.words import UNITS
 from eitskin.quantities import interval, listed, number
 
+TOLD_SHARE = 0.01  # of the held-out misfit: less is not worth a sentence
 SENTENCES = {  # on a family; its sd as {sd}, in the unit of a reader
     "drive-gain": "The current differs from drive to drive by {sd}.",
     "measurement-gain": "The gain differs from measuring pair to measuring pair by {sd}.",
@@ -30,10 +31,12 @@ def family_sentence(family: dict) -> str:
     it cannot be told from."""
     sd = family["sd"]
     factor, unit = (100.0, "%") if sd["unit"] == "1" else (1.0, UNITS.get(sd["unit"], sd["unit"]))
-    size = interval(*(factor * sd[key] for key in ("value", "low", "high")), unit)
+    value, low, high = (factor * sd[key] for key in ("value", "low", "high"))
+    size = interval(value, low, high, unit)
     text = SENTENCES[family["name"]].replace("{sd}", size)
-    share = 100.0 * family["share"]
-    text += f" Without it {number(share)} % of the misfit of what was held out comes back."
+    if family["share"] >= TOLD_SHARE:
+        share = f"{number(100.0 * family['share'])} %"
+        text += f" Without it {share} of the misfit of what was held out comes back."
     if family["confused_with"]:
         others = listed([NAMES[name] for name in family["confused_with"]])
         text += f" It cannot be told from {others}."

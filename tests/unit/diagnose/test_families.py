@@ -1,0 +1,132 @@
+"""What is a little wrong at every site: sizes, members, culprits and objects beside them."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from eitskin.diagnose import diagnosis
+from eitskin.diagnose.fitting.family_sizes import FamilySizes
+from eitskin.diagnose.noise.single_frame import beside_gains
+from eitskin.diagnose.verdict import corrected
+from eitskin.diagnose.verdict.conclusion import document
+from eitskin.physics.geometry import Geometry
+from eitskin.physics.protocol import channel_table
+from eitskin.physics.skin import Skin
+from eitskin.physics.solver import forward_model
+from witness.dense import draw
+
+
+def sizes_of(rng, families, noise=0.1):
+    """Sizes of members with random columns, a reading a row, and the covariance of a size."""
+    columns = rng.standard_normal((sum(families.values()), 40)) / noise
+    label = np.repeat(np.arange(len(families)), list(families.values()))
+    truth = np.array([0.5, 2.0])[label] * rng.standard_normal(len(label))
+    readings = truth @ columns + rng.standard_normal(40)
+    sizes = FamilySizes(
+        list(families),
+        np.ones(len(families)),
+        label,
+        np.ones(len(label)),
+        columns @ columns.T,
+        columns @ readings,
+    )
+    return sizes, columns, label, readings
+
+
+SKIN = {
+    "radius_mm": 60.0,
+    "thickness_mm": 3.0,
+    "conductivity_S_per_m": 0.5,
+    "electrode_width_mm": 8.0,
+    "contact_impedivity_ohm_m2": 2e-3,
+    "current_A": 1e-3,
+    "contrast_per_N": 0.5,
+}
+FAMILIES = {"drive-gain": 8, "electrode-position": 12}
+
+
+def test_the_likelihood_of_sizes_is_that_of_a_linear_mixed_model():
+    sizes, columns, label, readings = sizes_of(np.random.default_rng(1), FAMILIES)
+
+    def direct(sds):
+        weighted = np.array(sds)[label, None] * columns
+        density = multivariate_normal(np.zeros(40), np.eye(40) + weighted.T @ weighted)
+        return density.logpdf(readings) - 0.5 * sum(sd**2 for sd in sds)
+
+    first, second = [0.4, 1.7], [1.1, 0.6]
+    expected = direct(first) - direct(second)
+    computed = sizes.log_likelihood(np.array(first)) - sizes.log_likelihood(np.array(second))
+    assert computed == pytest.approx(expected, rel=1e-9)
+
+
+def test_sizes_are_those_that_were_drawn_and_0_where_nothing_was():
+    drawn = []
+    for seed in range(20):
+        sizes, *_ = sizes_of(np.random.default_rng(seed), FAMILIES)
+        drawn.append(sizes.greatest()[0])
+    # With its prior of 1, a size of 2 shrinks a little; 20 draws of 8 and 12 members.
+    np.testing.assert_allclose(np.median(drawn, axis=0), [0.5, 2.0], rtol=0.2)
+    sizes, columns, label, _ = sizes_of(np.random.default_rng(3), FAMILIES)
+    noise = np.random.default_rng(4).standard_normal(40)
+    silent = FamilySizes(sizes.names, sizes.sds, label, sizes.variance, sizes.gram, columns @ noise)
+    assert silent.greatest()[0].max() < 0.1
+
+
+@pytest.mark.parametrize("count", [8, 16])
+def test_noise_of_one_frame_is_told_beside_gains(count):
+    channels = channel_table(count)
+    rng = np.random.default_rng(5)
+    skin = Skin.from_metadata(SKIN | {"electrode_deg": [360.0 / count * k for k in range(count)]})
+    reading = forward_model(Geometry.from_skin(skin), "train").voltages(channels)
+    noise = 1e-4 * np.median(np.abs(reading))
+    gains = 1.0 + 0.1 * rng.standard_normal((2, count))
+    board = reading * gains[0, channels[:, 0]] * gains[1, channels[:, 2]]
+    frame = board + noise * rng.standard_normal(len(board))
+    beside = beside_gains(frame, channels)
+    assert beside is not None
+    assert np.sqrt((beside[0] ** 2).mean()) == pytest.approx(noise, rel=0.4)
+    quiet = reading + noise * rng.standard_normal(len(reading))
+    assert beside_gains(quiet, channels) is None
+
+
+@pytest.fixture(scope="module")
+def dense():
+    drawn = draw("dense:16 adjacent", 1)
+    return drawn, diagnosis.diagnose(drawn.recorded)
+
+
+@pytest.mark.long
+def test_families_of_a_witness_are_learned_and_predict_what_was_put_aside(dense):
+    drawn, diagnosed = dense
+    content = document(diagnosed, "dense")
+    assert not [e for e in content["effects"] if e["certain"] and e["name"] != "multiplexer-memory"]
+    families = {family["name"]: family for family in content["families"]}
+    for name in ("drive-gain", "measurement-gain"):
+        rms = np.sqrt(np.mean(drawn.families[name] ** 2))
+        assert families[name]["sd"]["value"] == pytest.approx(rms, rel=0.5)
+        correlation = np.corrcoef(families[name]["values"], drawn.families[name])[0, 1]
+        assert correlation > 0.98
+    last = content["fit"]["last"]
+    assert last["rms_after_V"] < 0.02 * last["rms_before_V"]
+    items = corrected.effect_items(diagnosed.explanation.fit)
+    assert {"drive-gain", "measurement-gain"} <= {item["name"] for item in items}
+
+
+@pytest.mark.long
+def test_an_object_is_found_in_a_dense_world_without_a_reference():
+    drawn = draw("dense:16 adjacent object", 1)
+    content = document(diagnosis.diagnose(drawn.recorded), "dense")
+    (patch,) = [e for e in content["effects"] if e["name"] == "conductivity-patch"]
+    truth = drawn.objects[0]["parameters"]
+    distance = np.hypot(
+        *(patch["parameters"][key]["value"] - truth[key] for key in ("x_mm", "y_mm"))
+    )
+    assert distance < 0.02 * drawn.true.radius_mm and patch["certain"]
+
+
+def test_the_witness_of_dense_recordings_is_the_same_bit_for_bit():
+    first, again = draw("dense:8 adjacent members", 4), draw("dense:8 adjacent members", 4)
+    np.testing.assert_array_equal(first.recorded.voltage, again.recorded.voltage)
+    assert len(first.culprits) == 2
+    for culprit in first.culprits:
+        assert first.families[culprit["name"]][culprit["site"]] == culprit["value"]
