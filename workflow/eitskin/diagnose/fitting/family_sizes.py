@@ -1,7 +1,8 @@
 """The sds of families about a fit that has their members as coordinates.
 
 About the fit the readings are linear in its P coordinates theta, of prior variances v: with
-whitened slopes J (P, N M) and y = r + J^T theta, r the whitened residual, the marginal likelihood is
+whitened slopes J (P, N M) and y = r + J^T theta, r the whitened residual, the marginal likelihood
+is
 
     log L(v) = -1/2 [log det(I + D G D) + y^T y - b^T D (I + D G D)^-1 D b],
 
