@@ -28,6 +28,9 @@ def linearisation(fit: Fit, converter_step: float) -> Linearisation:
     voltage = fit.voltage()
     touched = model.touched & model.simulable
     typical = np.median(np.abs(problem.readings[whitening.mask]))
+    families = {}
+    if problem.families and not model.families:
+        families = family_columns(Tangents(fit), problem.families)
     return Linearisation(
         voltage=voltage,
         derivatives=touch_derivatives(fit, voltage),
@@ -42,7 +45,7 @@ def linearisation(fit: Fit, converter_step: float) -> Linearisation:
         number=whitening.numbers,
         noise_sd=whitening.sd,
         wander=whitening.wander,
-        families=family_columns(Tangents(fit), problem.families) if problem.families else {},
+        families=families,
     )
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from eitskin import cores
 from eitskin.diagnose.fitting.candidates import Candidate, exclusive_channels
 from eitskin.diagnose.fitting.fit import STEP, Fit
-from eitskin.diagnose.noise.low_rank import BATCH_COLUMNS
+from eitskin.diagnose.noise.low_rank import BATCH_COLUMNS, LowRankFactor
 from eitskin.diagnose.noise.whitening import Whitening
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import Effect, Setting, SkinEffect
@@ -36,7 +36,7 @@ SCALED_ATTRIBUTES = (IMPEDIVITY, "conductivity_S_per_m")
 
 class Tangents:
     """Whitened derivatives (N M,) by the coordinates of candidates about `fit`, those of the fitted
-    coordinates projected out.
+    coordinates projected out; members of families, which have a prior, are part of the covariance.
 
     donors: tangents about other fits, whose derivatives are used where their readings are close; a
     score test is valid in any direction, and a fit does not depend on these. Whitened columns are
@@ -53,12 +53,19 @@ class Tangents:
         self.base_voltage = self.voltage
         if self.accuracy != "diagnose":
             self.base_voltage = self._simulated(self.calibration, self.settings)
+        self.members, derivatives = self.problem.model.member_columns
+        self.member_factor = None
+        residual = fit.residual
+        if len(self.members):
+            columns = self.problem.whitening(derivatives)
+            self.member_factor = LowRankFactor(columns, "whole")
+            residual = residual + np.tensordot(fit.theta[self.members], columns, 1)
         self.channel_directions, columns = self._blocks()
         directions, triangle = np.linalg.qr(columns.T)
         rotation, size, _ = np.linalg.svd(triangle)
         nonzero = size > RANK_SHARE * size.max(initial=0.0)
         self.fitted_directions = rotation.T[nonzero] @ directions.T
-        self.residual = self.project_out(fit.residual.ravel())
+        self.residual = self.project_out(self.marginal(residual).ravel())
         self.source = self
         for donor in donors:
             if self._is_close_to(donor.source):
@@ -100,8 +107,29 @@ class Tangents:
             length = np.linalg.norm(column, axis=0)
             directions.append(column / np.where(length > 0, length, 1.0))
         columns = self.fit.slopes.columns
+        if len(self.members):
+            is_member = np.isin(self.fit.slopes.column_coordinates, self.members)
+            columns = self.marginal(columns[~is_member])
         projected = _without_directions(directions, columns)
         return directions, projected.reshape(len(columns), self.voltage.size)
+
+    def marginal(self, whitened: np.ndarray) -> np.ndarray:
+        """(..., N, M): whitened values in the covariance that the members of families have by their
+        priors beside the noise."""
+        if self.member_factor is None:
+            return whitened
+        return self.member_factor.apply(whitened, self.member_factor.inverse_root)
+
+    def change(self, fitted: Fit) -> np.ndarray:
+        """(N M,): what the readings of another fit have beyond those of this, whitened, the fitted
+        coordinates projected out; members that differ between the two differ by no more than their
+        priors let them."""
+        change = self.problem.whitening(fitted.voltage() - self.voltage)
+        if self.member_factor is not None:
+            _, derivatives = self.problem.model.member_columns
+            shift = self.fit.theta[self.members] - fitted.theta[self.members]
+            change = change + np.tensordot(shift, self.problem.whitening(derivatives), 1)
+        return self.project_out(self.marginal(change).ravel())
 
     def project_out(self, columns: np.ndarray) -> np.ndarray:
         """(..., N M): columns with the span of the fitted coordinates projected out."""
@@ -183,9 +211,11 @@ class Tangents:
 
     def jacobian(self, candidate: Candidate) -> np.ndarray:
         """(size, N, M): whitened derivatives by every coordinate; NaN for those without a column,
-        and for gains of single channels, which a fit computes in one step."""
+        for gains of single channels, which a fit computes in one step, and beside members of
+        families, whose covariance the columns have."""
         shape = candidate.size, *self.voltage.shape
-        if candidate.kind == "channels" and self._exclusive_channels(candidate) is not None:
+        is_exclusive = self._exclusive_channels(candidate) is not None
+        if len(self.members) or (candidate.kind == "channels" and is_exclusive):
             return np.broadcast_to(np.nan, shape)
         jacobian = np.full(shape, np.nan)
         columns = self.columns(candidate)
@@ -202,7 +232,8 @@ class Tangents:
             voltage = self.problem.model.voltage(self.calibration, [*self.settings, setting])
         except InputError:
             return None
-        return self.project_out(self.problem.whitening(voltage - self.voltage).ravel())
+        change = self.marginal(self.problem.whitening(voltage - self.voltage))
+        return self.project_out(change.ravel())
 
     def _singles(self, candidate: Candidate) -> list[tuple[Candidate, int]]:
         """A candidate of one site and a coordinate for every column of a candidate."""
@@ -238,7 +269,7 @@ class Tangents:
         whitening = self.single_precision
 
         def whitened_group(group: list[np.ndarray]) -> list[np.ndarray | None]:
-            white = whitening(np.array(group).reshape(-1, *self.voltage.shape))
+            white = self.marginal(whitening(np.array(group).reshape(-1, *self.voltage.shape)))
             white = white.reshape(len(group), -1).astype(float)
             lengths = [float(column @ column) for column in white]
             projected = zip(self.project_out(white), lengths, strict=True)

@@ -84,7 +84,9 @@ def answer(evidence: Evidence, change_drawings: list[str]) -> str:
     parts += [f"<p>{sentence}</p>" for sentence in omitted_frames(evidence)]
     if not NOTHING_UNNAMED.admits(diagnosis["other"]["probability"]):
         parts.append(f"<p>What has no name: {escape(diagnosis['other']['sentence'])}</p>")
-    elif diagnosis["verdict"] == "partly-explained":
+    elif (
+        diagnosis["verdict"] == "partly-explained" and scores["chi2_per_dof_after"] > SHARED_MISFIT
+    ):
         parts.append("<p>What is left there is more than the noise.</p>")
     if diagnosis["effects"]:
         note = "A gain is over the best set without the effect, with another name in its place too."

@@ -69,9 +69,12 @@ def _sums(tangents: Tangents, dense: Candidate) -> tuple[np.ndarray, np.ndarray]
     whitening = tangents.problem.whitening
     shape = tangents.voltage.shape
     column = dense.scales.typical_change(parameter) * dense.effect.slope(tangents.voltage)
-    slope = (column * whitening.transposed(tangents.residual.reshape(shape))).sum(axis=0)
+    residual = tangents.marginal(tangents.residual.reshape(shape))
+    slope = (column * whitening.transposed(residual)).sum(axis=0)
     shared = in_groups(
-        lambda fitted: np.einsum("pnm,nm->pm", whitening.transposed(fitted), column),
+        lambda fitted: np.einsum(
+            "pnm,nm->pm", whitening.transposed(tangents.marginal(fitted)), column
+        ),
         tangents.fitted_directions.reshape(-1, *shape),
     )
     fitted_length = (shared**2).sum(axis=0)

@@ -45,7 +45,7 @@ def with_members(outcome: Outcome) -> Outcome:
         return outcome
     rest = {name: sd for name, sd in explanation.error_sds.items() if name not in sds}
     whitening = explanation.rig.whitening(rest, fitted=True)
-    problem = replace(explanation.fit.problem, whitening=whitening, families={})
+    problem = replace(explanation.fit.problem, whitening=whitening)
     fitted = replace(explanation.fit, problem=problem)
     for _ in range(SIZE_ROUNDS):
         families = [(c, sd) for name, sd in sds.items() for c in search.problem.families[name]]
@@ -61,7 +61,7 @@ def with_members(outcome: Outcome) -> Outcome:
     model = model.with_member_derivatives(_member_derivatives(fitted))
     fitted = replace(fitted, problem=replace(fitted.problem, model=model))
     search.report(f"a little wrong everywhere: {', '.join(sizes.names)}")
-    in_noise = replace(search.problem, model=model, families={})
+    in_noise = replace(search.problem, model=model)
     rig = linearised_rig_errors(fitted, in_noise.whitening, search.converter_step)
     if search.spent:
         cut_short(search, explanation)
@@ -104,7 +104,7 @@ def _without_members(fitted: Fit, model: RecordingSimulator) -> Fit:
     """A fit in a simulator with families, whose members are all 0 and do nothing."""
     members = sum(candidate.size for candidate in model.families)
     model = model.with_member_derivatives(np.zeros((members, *fitted.residual.shape)))
-    problem = replace(fitted.problem, model=model, families={})
+    problem = replace(fitted.problem, model=model)
     count, size = len(fitted.problem.model.calibrations), len(model.calibrations)
     slopes = np.insert(fitted.jacobian, [count] * (size - count), 0.0, axis=0)
     theta = _with_coordinates(fitted, model)

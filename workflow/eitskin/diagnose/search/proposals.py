@@ -224,7 +224,8 @@ def _without_components(
     problem = replace(base.fit.problem, whitening=explanation.rig.whitening(sds, fitted=True))
     tangents = Tangents(rewhitened(base.fit, problem), [base])
     shape = tangents.voltage.shape
-    weights = problem.whitening.transposed(tangents.residual.reshape(shape)).ravel()
+    residual = tangents.marginal(tangents.residual.reshape(shape))
+    weights = problem.whitening.transposed(residual).ravel()
     bounds: dict[str, list[tuple[float, Candidate]]] = {}
     for score_test in scores(search, explanation):
         candidate = score_test.candidate

@@ -62,8 +62,7 @@ def gaps(
     problem = explanation.fit.problem
     target = replace(problem, readings=explanation.fit.voltage())
     tangents = Tangents(rewhitened(reduced_set.fit, problem), [linearised(search, reduced_set)])
-    change = problem.whitening(target.readings - tangents.voltage)
-    signature = tangents.project_out(change.ravel())
+    signature = tangents.change(explanation.fit)
     snr = float(np.sqrt(signature @ signature))
     best: dict[str, tuple[float, Candidate]] = {}
     rivals = _rivals(search.candidates, effect)
@@ -79,6 +78,8 @@ def gaps(
         is_near = rank < MOST_FITTED and gap < within and not is_strong
         is_near = is_near or (not DISTINCT.admits(gap) and is_two_sided(name))
         fitted = None
+        # Members of families would be drawn to 0, not to where they are.
+        is_near = is_near and not problem.model.families
         if is_near and candidate.size and not search.spent:
             fitted = _fitted(target, tangents, reduced_set.effects, candidate)
         if fitted is not None:

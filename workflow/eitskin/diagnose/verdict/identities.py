@@ -173,6 +173,7 @@ class FittedEffect:
                 EFFECTS[PLACE], "electrodes", tuple(sites), "dense", {}, skin, scales
             )
             tangents = Tangents(fitted, reversed(self.search.cache.tangents.values()))
+            change = tangents.marginal(change.reshape(tangents.voltage.shape)).ravel()
             change, columns = tangents.project_out(change), tangents.columns(places)
         else:
             columns = np.delete(fitted.jacobian, self.coordinates, axis=0)
@@ -231,8 +232,11 @@ class FittedEffect:
         tangents = linearised(search, rest)
         simulated = self.model.voltage(self.calibration, fitted.settings())
         change = rest.fit.problem.whitening(simulated - tangents.voltage).ravel()
-        signature = tangents.project_out(change)
-        dense = [c for c in search.candidates if c.name in names and c.scope == "dense"]
+        whitened = tangents.marginal(change.reshape(tangents.voltage.shape))
+        signature = tangents.project_out(whitened.ravel())
+        members = [c for family in search.problem.families.values() for c in family]
+        everywhere = [*search.candidates, *members]
+        dense = [c for c in everywhere if c.name in names and c.scope == "dense"]
         columns = np.concatenate([tangents.columns(sparse(c, tuple(electrodes))) for c in dense])
         gain, _ = explained_square(columns, signature)
         return float(np.sqrt(max(signature @ signature - gain, 0.0)))
