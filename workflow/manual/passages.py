@@ -18,7 +18,8 @@ from eitskin.learn.metrics import interval
 from eitskin.learn.models import PHYSICS_INFORMED
 from eitskin.paper.table_1 import paper as printed_by_the_paper
 from eitskin.quantities import MINUS
-from manual.rows import ROOT, bench, claim, page_table, paper, summary
+from manual.rows import ROOT, bench, claim, page_table, paper, summary, trials
+from proof.dense import scores
 from proof.intervals import share
 from proof.markdown import is_share, number, table
 from proof.queries import KINDS as QUERY_KINDS
@@ -81,6 +82,11 @@ def calibration(block: str) -> Iterable[str]:
                 for kind in dict.fromkeys(by_kind["of"])
             ],
         )
+
+
+def dense() -> Iterable[str]:
+    """The scores of recordings that are a little wrong at every site."""
+    yield from table(("what", "measured", "n"), scores(trials("dense-report")))
 
 
 def _hits(lines: pd.DataFrame, kind: str, what: str) -> str:
@@ -480,6 +486,7 @@ PASSAGES: dict[str, Callable[..., Iterable[str]]] = {
     for passage in (
         *(
             calibration,
+            dense,
             often,
             compared,
             final,

@@ -12,9 +12,11 @@ are those of the greatest likelihood under half-normal priors of one typical cha
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
+from scipy.stats import norm
 
 from eitskin.diagnose.fitting.families import family_name
 from eitskin.diagnose.fitting.fit import Fit
@@ -84,3 +86,35 @@ class FamilySizes:
         """(P,): variance of the coordinates given the readings, over that of their priors."""
         root = np.sqrt(self.variance)
         return np.diag(np.linalg.inv(np.eye(len(root)) + root[:, None] * self.gram * root))
+
+
+class StandingOut(NamedTuple):
+    """How far an effect at sites of a family is out of it: deviation over the family's sd, of
+    several sites the least; and the probability of one so far out among all its sites."""
+
+    ratio: float
+    p_value: float
+
+
+def standing_out(fit: Fit, index: int) -> StandingOut | None:
+    """How far effect `index` of a fit stands out of the family of its name, whose sd was learned
+    beside it; None where there is no such family.
+
+    What is predicted of a member by all others is its prior, of the family's sd (node splitting:
+    Dias et al., Statistics in Medicine 29, 2010).
+    """
+    effect, model = fit.effects[index], fit.problem.model
+    for family in model.families:
+        if family.sites and (family.name, family.kind) == (effect.name, effect.kind):
+            start = next(
+                number
+                for number, item in enumerate(model.calibrations)
+                if isinstance(item, Member) and item.name == f"{family.name} 0"
+            )
+            place = fit.coordinate_slice(index)
+            spread = np.hypot(model.calibrations[start].sd, np.sqrt(np.diag(fit.covariance)[place]))
+            deviation = np.abs(fit.theta[place])
+            p_values = 2.0 * norm.sf(deviation / spread) * len(family.sites)
+            ratio = float((deviation / model.calibrations[start].sd).min())
+            return StandingOut(ratio, min(1.0, float(p_values.max())))
+    return None

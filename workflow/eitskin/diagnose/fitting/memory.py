@@ -34,6 +34,9 @@ PROGRAM_BYTES = 320 << 20  # interpreter and libraries, and what the allocator h
 SHEET_MATRICES = 5  # of the matrix of the finest sheet's nodes
 CACHED_BODY_MATRICES, SOLVER_MATRICES = 2, 3  # of the matrix of a body's modes
 TRIAL_COLUMNS = 600  # of columns of trials, sets and rig errors
+# Families of as many members as electrodes, the members of the rim's, and how many copies of their
+# columns there are: as derivatives, filtered, in single precision, weighted, as directions.
+FAMILIES, RIM_COLUMNS, FAMILY_COPIES = 7, 8, 6
 GAIN_COLUMNS = 5  # of the columns of a gain for every channel
 GROUP_COPIES = 6  # of columns that are mapped at once
 LINKED_MATRICES, LASTING_ERRORS = 14, 2  # of the matrix of channels by errors that last
@@ -86,12 +89,13 @@ def peak_bytes(counts: Counts, frames: int | np.ndarray) -> np.ndarray:
     pairs = n * (n - 1) / 2
     # In double precision for draws of chance, and in single precision.
     derivatives = (pairs + 11 * n + 70) + (pairs + 6 * n + 45)
+    families = 0 if counts.touched else FAMILY_COPIES * (FAMILIES * n + RIM_COLUMNS)
     gains = m * column * counts.touched
     mapped = np.where(gains > WHOLE_BYTES, GROUP_BYTES, gains)
     linked_matrix = FLOAT_BYTES * (m * (LASTING_ERRORS if counts.touched else 1)) ** 2
     states = min(CACHED_BYTES, CACHED_FRAMES * FLOAT_BYTES * (n**2 + 3 * m))
     searched = (
-        (derivatives + TRIAL_COLUMNS) * column
+        (derivatives + TRIAL_COLUMNS + families) * column
         + GAIN_COLUMNS * gains
         + GROUP_COPIES * mapped
         + LINKED_MATRICES * linked_matrix

@@ -281,13 +281,13 @@ def _single_frame_noise(
     floor = FLOOR * typical
     if odd.shape[1]:
         contrasts, squared_level = readings.values[0] @ odd, (odd**2).T @ readings.squared_level
-        aside, beside = "", beside_gains(readings.values[0], readings.channels)
-        if beside is not None:
-            contrasts, squared_level = beside
-            aside = f", {len(contrasts)} beside the gains of drives and measuring pairs"
+        note, free_of_gains = "", beside_gains(readings.values[0], readings.channels)
+        if free_of_gains is not None:
+            contrasts, squared_level = free_of_gains
+            note = f", {len(contrasts)} beside the gains of drives and measuring pairs"
         law, dof = single_frame_law(contrasts, squared_level)
         source = (
-            f"the odd half of {odd.shape[1]} reciprocal contrasts in the only frame{aside}, an "
+            f"the odd half of {odd.shape[1]} reciprocal contrasts in the only frame{note}, an "
             "upper bound: one frame cannot tell noise from what drive and measurement do "
             "differently"
         )

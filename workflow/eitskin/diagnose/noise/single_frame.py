@@ -61,13 +61,13 @@ def beside_gains(values: np.ndarray, channels: np.ndarray) -> tuple[np.ndarray, 
     """
     group, sign = tied_channels(channels)
     order = np.argsort(group, kind="stable")
-    first = np.flatnonzero(np.bincount(group) == 2)
-    pairs = order[np.searchsorted(group[order], first)[:, None] + np.arange(2)]
-    one, other = (sign * values)[pairs].T
-    if len(pairs) < len(channels) // 2 or not (one * other > 0.0).all():
+    doubles = np.flatnonzero(np.bincount(group) == 2)
+    pairs = order[np.searchsorted(group[order], doubles)[:, None] + np.arange(2)]
+    first_reading, second_reading = (sign * values)[pairs].T
+    if len(pairs) < len(channels) // 2 or not (first_reading * second_reading > 0.0).all():
         return None
-    level = np.sqrt(one * other)
-    contrasts = level * np.log(one / other) / np.sqrt(2.0)
+    level = np.sqrt(first_reading * second_reading)
+    contrasts = level * np.log(first_reading / second_reading) / np.sqrt(2.0)
     sites = np.arange(channels.max() + 1)
     columns = [
         (channels[pairs[:, 0], key][:, None] == sites) * 1.0
@@ -76,15 +76,15 @@ def beside_gains(values: np.ndarray, channels: np.ndarray) -> tuple[np.ndarray, 
     ]
     directions, sizes, _ = np.linalg.svd(level[:, None] * np.hstack(columns))
     rank = int((sizes > RANK_SHARE * sizes.max(initial=0.0)).sum())
-    left = directions[:, rank:]
-    if left.shape[1] < LEAST_LEFT:
+    complement = directions[:, rank:]
+    if complement.shape[1] < LEAST_LEFT:
         return None
-    beside = left.T @ contrasts
-    remainder = max(float((beside**2).mean()), np.finfo(float).tiny)
+    combinations = complement.T @ contrasts
+    remainder = max(float((combinations**2).mean()), np.finfo(float).tiny)
     explained = float(((directions[:, :rank].T @ contrasts) ** 2).mean())
-    if f.sf(explained / remainder, rank, left.shape[1]) > GAIN_P:
+    if f.sf(explained / remainder, rank, complement.shape[1]) > GAIN_P:
         return None
-    return beside, (left**2).T @ level**2
+    return combinations, (complement**2).T @ level**2
 
 
 def _scale(contrasts: np.ndarray, shape: np.ndarray) -> np.ndarray:

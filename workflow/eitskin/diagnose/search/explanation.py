@@ -79,8 +79,10 @@ def added_effect(explanation: Explanation, trial: Explanation) -> Candidate:
 
 def marginal_likelihood(fit: Fit, error_sds: Mapping[str, float], rig: RigErrors | None) -> float:
     """Log marginal likelihood of a fit, -(chi2 + log det C) / 2 with the covariance C over that of
-    white noise, and the log prior of the sds of the rig's errors."""
+    white noise, and the log prior of the sds of the rig's errors and of the members of families."""
     prior = 0.0 if rig is None else rig.log_prior(error_sds)
+    members, _ = fit.problem.model.member_columns
+    prior -= 0.5 * float((fit.theta[members] ** 2).sum())
     return prior - 0.5 * (fit.chi2 + fit.problem.whitening.log_determinant)
 
 

@@ -43,8 +43,8 @@ def with_members(outcome: Outcome) -> Outcome:
     sds = family_sds(explanation)
     if not sds or explanation.rig is None:
         return outcome
-    rest = {name: sd for name, sd in explanation.error_sds.items() if name not in sds}
-    whitening = explanation.rig.whitening(rest, fitted=True)
+    rig_sds = {name: sd for name, sd in explanation.error_sds.items() if name not in sds}
+    whitening = explanation.rig.whitening(rig_sds, fitted=True)
     problem = replace(explanation.fit.problem, whitening=whitening)
     fitted = replace(explanation.fit, problem=problem)
     for _ in range(SIZE_ROUNDS):
@@ -53,9 +53,9 @@ def with_members(outcome: Outcome) -> Outcome:
         start = _with_coordinates(fitted, model)
         fitted = fit(replace(problem, model=model), explanation.effects, start, polish=True)
         sizes = FamilySizes.from_fit(fitted)
-        learned, _ = sizes.greatest()
-        is_settled = np.allclose(learned, sizes.sds, rtol=SAME_SIZE, atol=0.0)
-        sds = {name: sd for name, sd in zip(sizes.names, learned, strict=True) if sd > 0.0}
+        greatest_sds, _ = sizes.greatest()
+        is_settled = np.allclose(greatest_sds, sizes.sds, rtol=SAME_SIZE, atol=0.0)
+        sds = {name: sd for name, sd in zip(sizes.names, greatest_sds, strict=True) if sd > 0.0}
         if is_settled or not sds:
             break
     model = model.with_member_derivatives(_member_derivatives(fitted))
@@ -65,16 +65,16 @@ def with_members(outcome: Outcome) -> Outcome:
     rig = linearised_rig_errors(fitted, in_noise.whitening, search.converter_step)
     if search.spent:
         cut_short(search, explanation)
-    used = max(search.budget_used, 1.0) * search.budget_share
+    budget_used = max(search.budget_used, 1.0) * search.budget_share
     search = replace(
         search,
         problem=in_noise,
         rig=rig,
         cache=Cache(null=search.cache.null),
-        budget_share=used + MEMBERS_SHARE,
+        budget_share=budget_used + MEMBERS_SHARE,
     )
     baseline = replace(calibration, fit=_without_members(calibration.fit, model), rig=rig)
-    return search, baseline, explain(search, fitted, explanation.p_values, rest, rig)
+    return search, baseline, explain(search, fitted, explanation.p_values, rig_sds, rig)
 
 
 def _member_derivatives(fitted: Fit) -> np.ndarray:

@@ -476,6 +476,17 @@ RANGE = Gate(
     "the 90 % interval of its size holds {value} of all values that it may have; it stays up to"
     " {threshold}",
 )
+CULPRIT = Gate(
+    "culprit",
+    "probability of one so far out of the family of its name, over all its sites",
+    1e-3,
+    "below",
+    "evidence",
+    "node splitting (Dias et al., Statistics in Medicine 29, 2010); of a null, one in a thousand",
+    "effects of the set at sites of a family, which predicts folds as well without a name",
+    "a member so far out of its family has a probability of {value}; it stands out below"
+    " {threshold}",
+)
 FAMILY = Gate(
     "family",
     "nats of marginal likelihood with a family and all that it cannot be told from, its size free",

@@ -4,12 +4,14 @@ import numpy as np
 
 from eitskin.diagnose.fitting.candidates import Candidate, replaces_instrument
 from eitskin.diagnose.fitting.estimates import range_share
+from eitskin.diagnose.fitting.family_sizes import standing_out
 from eitskin.diagnose.fitting.harm import harm
 from eitskin.diagnose.fitting.held_out import gain_over_presses
 from eitskin.diagnose.search.explanation import Explanation
 from eitskin.diagnose.search.families import with_members
 from eitskin.diagnose.search.gates import (
     ACCEPTABLE,
+    CULPRIT,
     FOLDS,
     HARM_ERRORS,
     HARM_RATIO,
@@ -82,6 +84,11 @@ def _worth(
     mask, model = problem.whitening.mask, problem.model
     pressed = model.touched & model.simulable & mask.any(axis=1)
     over_presses = gain_over_presses(explanation.held_out, rival, units[:, 0], pressed)
+    culprit = standing_out(explanation.fit, index)
+    if culprit is not None and CULPRIT.admits(culprit.p_value):
+        judge = search.journal.judge
+        judge(CULPRIT, culprit.p_value, effect, reduced_set)
+        return 0.0
     values = [(FOLDS, gain - STANDARD_ERRORS * error), (PRESSES, over_presses)]
     judge = search.journal.judge
     worth = min((v for gate, v in values if not judge(gate, v, effect, reduced_set)), default=0.0)

@@ -7,11 +7,13 @@ from scipy.stats import chi2
 
 from eitskin.diagnose.fitting.candidates import replaces_instrument
 from eitskin.diagnose.fitting.estimates import Fitted, amounts, estimates
+from eitskin.diagnose.fitting.family_sizes import standing_out
 from eitskin.diagnose.fitting.fit import Fit
 from eitskin.diagnose.fitting.held_out import error_units
 from eitskin.diagnose.search.explanation import Explanation
 from eitskin.diagnose.search.gates import (
     ACCEPTABLE,
+    CULPRIT,
     DISTINCT,
     NOTHING_UNNAMED,
     REMAINDER,
@@ -48,7 +50,8 @@ def is_certain(judgements: list[list[Judgement]]) -> bool:
 def certainty(diagnosis: Diagnosis, index: int) -> list[list[Judgement]]:
     """What effect `index` must pass to be certain, each item by one of its gates.
 
-    Frames left out are predicted better with it than by the best set without it; the calibrations
+    Frames left out are predicted better with it than by the best set without it, or it stands out
+    of its family; the calibrations
     and every other name are told apart from it; its size is not none; the fit is acceptable, or
     what it leaves does not touch the effect; and the remainder, where there probably is one, could
     not tell it from another name.
@@ -56,8 +59,10 @@ def certainty(diagnosis: Diagnosis, index: int) -> list[list[Judgement]]:
     gaps, remainder = diagnosis.gaps[index], diagnosis.remainder
     gain, error = least_gain(diagnosis, index)
     nearest = gaps[0].gap if gaps else np.inf
+    culprit = standing_out(diagnosis.explanation.fit, index)
+    outlying = [Judgement(CULPRIT, culprit.p_value)] if culprit is not None else []
     items = [
-        [Judgement(SURE_GAIN, gain - STANDARD_ERRORS * error)],
+        [Judgement(SURE_GAIN, gain - STANDARD_ERRORS * error), *outlying],
         [Judgement(STANDS_OUT, gaps[0].snr if gaps else np.inf)],
         [Judgement(DISTINCT, nearest, gaps[0].rival if gaps else "")],
     ]

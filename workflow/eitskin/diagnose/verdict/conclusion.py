@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from eitskin.diagnose.fitting.estimates import amounts, calibration, estimates
+from eitskin.diagnose.fitting.family_sizes import standing_out
 from eitskin.diagnose.fitting.fit import Problem
 from eitskin.diagnose.fitting.held_out import HeldOut
 from eitskin.diagnose.fitting.readings import reserve_problem
@@ -17,7 +18,7 @@ from eitskin.diagnose.search.refits import reduced
 from eitskin.diagnose.verdict import identities, words
 from eitskin.diagnose.verdict.certainty import certainty, held_out_p, is_certain, least_gain
 from eitskin.diagnose.verdict.diagnosis import Diagnosis
-from eitskin.diagnose.verdict.families import families, stands_out
+from eitskin.diagnose.verdict.families import families
 from eitskin.diagnose.verdict.remainder import changes
 from eitskin.diagnose.verdict.verdict import verdict
 from eitskin.effects import EFFECTS, catalogue_names
@@ -200,9 +201,9 @@ def _entry(diagnosis: Diagnosis, index: int) -> dict:
         "gap": gaps[0].gap if gaps else None,
         "certain": is_certain(certainty(diagnosis, index)),
     }
-    deviation = stands_out(diagnosis, index)
-    if deviation is not None:
-        entry["stands_out"] = deviation
+    culprit = standing_out(explanation.fit, index)
+    if culprit is not None:
+        entry["stands_out"] = culprit.ratio
     if combined := amounts(explanation.fit, index, entry["parameters"]):
         entry["amounts"] = combined
     if candidate.kind is not None and candidate.scope != "common":

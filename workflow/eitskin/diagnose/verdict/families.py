@@ -44,14 +44,14 @@ def families(diagnosis: Diagnosis) -> list[dict]:
         sd = typical * float(sizes.sds[index])
         count = max(float(determined[sizes.label == index].sum()), 1.0)
         factor = float(np.exp(NORMAL_90 * np.sqrt(0.5 / count)))
-        others, likelihood = sizes.greatest([name])
+        reduced_sds, likelihood = sizes.greatest([name])
         confused = [
-            other
-            for other, grown, before in zip(sizes.names, others, sizes.sds, strict=True)
-            if best - likelihood < CLASS_NATS and other != name and grown > GROWTH * before
+            rival
+            for rival, reduced_sd, full_sd in zip(sizes.names, reduced_sds, sizes.sds, strict=True)
+            if best - likelihood < CLASS_NATS and rival != name and reduced_sd > GROWTH * full_sd
         ]
-        _, without = sizes.greatest([name, *confused])
-        if not FAMILY.admits(best - without):
+        _, class_likelihood = sizes.greatest([name, *confused])
+        if not FAMILY.admits(best - class_likelihood):
             continue
         entry: dict[str, Any] = {
             "name": name,
@@ -65,19 +65,6 @@ def families(diagnosis: Diagnosis) -> list[dict]:
         entry["sentence"] = family_sentence(entry)
         entries.append(entry)
     return sorted(entries, key=lambda entry: -entry["share"])
-
-
-def stands_out(diagnosis: Diagnosis, index: int) -> float | None:
-    """The deviation of effect `index` over the sd of the family of its name, of several sites the
-    least; None where there is no such family."""
-    fit = diagnosis.named_fit
-    effect, model = fit.effects[index], fit.problem.model
-    for family in model.families:
-        if (family.name, family.kind) == (effect.name, effect.kind):
-            label = f"{family.name} 0"
-            sd = next(item.sd for item in model.calibrations if item.name == label)
-            return float(np.abs(fit.theta[fit.coordinate_slice(index)]).min() / sd)
-    return None
 
 
 def _unit(candidate: Candidate) -> tuple[str, float]:
@@ -120,8 +107,8 @@ def _members(diagnosis: Diagnosis, members: list[Candidate], typical: float) -> 
 def _share(diagnosis: Diagnosis, name: str) -> float:
     """Share of the excess chi squared of the folds left out that returns without a family, the rest
     fitted anew, of 0 to 1."""
-    before = diagnosis.prediction_by(diagnosis.baseline)
-    without = held_out(without_family(diagnosis.named_fit, name), diagnosis.search.folds)
-    excess = before.chi2.sum() - before.reading_count
-    returned = without.chi2.sum() - diagnosis.prediction.chi2.sum()
+    baseline = diagnosis.prediction_by(diagnosis.baseline)
+    reduced = held_out(without_family(diagnosis.named_fit, name), diagnosis.search.folds)
+    excess = baseline.chi2.sum() - baseline.reading_count
+    returned = reduced.chi2.sum() - diagnosis.prediction.chi2.sum()
     return float(np.clip(returned / excess if excess > 0.0 else 0.0, 0.0, 1.0))
