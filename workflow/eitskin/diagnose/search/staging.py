@@ -65,7 +65,7 @@ def prepared(
     recorded_V = np.where(problem.whitening.mask, recording.readings, np.nan)
     candidates = catalogue(conditions, recorded_V, scales, journal)
     if not (conditions.touched or model.difference):
-        problem = replace(problem, families=members(candidates))
+        problem = replace(problem, families=members(candidates, problem.readings.size))
         family_keys = {m.key for family in problem.families.values() for m in family}
         candidates = [c for c in candidates if c.scope != "dense" or c.key not in family_keys]
     search = Search(
