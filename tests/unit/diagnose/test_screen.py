@@ -68,6 +68,7 @@ def noisy(tangents, columns, draw):
     """What score tests see of a recording without any effect."""
     residual = tangents.project_out(draw.normal(size=tangents.residual.size))
     return SimpleNamespace(
+        marginal=tangents.marginal,
         residual=residual,
         columns=lambda c: np.concatenate([columns[key][1] for key in _parts(c, columns)]),
         problem=tangents.problem,
@@ -137,6 +138,7 @@ def test_a_channel_that_is_fitted_already_has_nothing_to_gain(tangents):
     change[:, 5] = dense.scales.typical_change(gain) * dense.effect.slope(tangents.voltage)[:, 5]
     own = tangents.project_out(tangents.problem.whitening(change).ravel())
     seen = SimpleNamespace(
+        marginal=tangents.marginal,
         residual=tangents.residual - (tangents.residual @ own) * own / (own @ own),
         problem=tangents.problem,
         voltage=tangents.voltage,
@@ -198,6 +200,7 @@ def test_a_subset_is_found(tangents):
     own = tangents.columns(dense)
     residual = 20.0 * (own[2] / np.linalg.norm(own[2]) - own[6] / np.linalg.norm(own[6]))
     seen = SimpleNamespace(
+        marginal=tangents.marginal,
         residual=residual, columns=tangents.columns, column_count=tangents.column_count
     )
     assert subset(seen, dense).sites == (2, 6)
