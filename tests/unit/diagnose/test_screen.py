@@ -201,7 +201,9 @@ def test_a_subset_is_found(tangents):
     residual = 20.0 * (own[2] / np.linalg.norm(own[2]) - own[6] / np.linalg.norm(own[6]))
     seen = SimpleNamespace(
         marginal=tangents.marginal,
-        residual=residual, columns=tangents.columns, column_count=tangents.column_count
+        residual=residual,
+        columns=tangents.columns,
+        column_count=tangents.column_count,
     )
     assert subset(seen, dense).sites == (2, 6)
 

@@ -236,7 +236,9 @@ def _with_free_channels(search: Search, explanation: Explanation) -> Explanation
 
 def regrown(search: Search, explanation: Explanation) -> Explanation:
     """An explanation with what is warranted beside its families, which are fitted by now; itself
-    where what is left is no more than noise."""
+    where what is left is no more than noise, and beside a body, of which a trial costs minutes."""
+    if any(search.starts_far(effect) for effect in explanation.effects):
+        return explanation
     named = named_fit(explanation)
     size = max(named.problem.whitening.size - len(named.theta), 1)
     return explanation if named.chi2 < size else _grow(search, explanation)
