@@ -50,7 +50,7 @@ SITES = {"drive-gain": "drives", "measurement-gain": "measures"}
 class Dense:
     """A recording and its truth: the skin's true values, the families' values, one a site, in the
     units of SIZES; culprits: laws with `ratio`, their deviation over the family's sd; objects: laws
-    of patches; query_clean (Q,) V: of channels `query` (Q, 4), noise-free."""
+    of patches; clean (M,) V: the readings, noise-free."""
 
     kind: str
     seed: int
@@ -61,8 +61,6 @@ class Dense:
     objects: list[dict]
     memory: float
     clean: np.ndarray
-    query: np.ndarray
-    query_clean: np.ndarray
 
 
 def draw(kind: str, seed: int) -> Dense:
@@ -92,10 +90,6 @@ def draw(kind: str, seed: int) -> Dense:
     noise = log_uniform(rng, *LEVELS) * float(np.median(np.abs(clean)))
     voltage = clean + noise * rng.standard_normal((frames, len(channels)))
     metadata = owners_metadata(channels, 0.04, _stated(rng, believed))
-    query = channel_table(count, "skip-2", "adjacent")
-    # A drive of the query that the recording has not has no gain that anybody could know.
-    shared = [law for law in laws if law["name"] not in ("drive-gain", "multiplexer-memory")]
-    query_clean = World(believed, query, 0.04).readings(states.iloc[:1], shared)[0]
     return Dense(
         kind,
         seed,
@@ -106,8 +100,6 @@ def draw(kind: str, seed: int) -> Dense:
         objects,
         memory,
         clean,
-        query,
-        query_clean,
     )
 
 

@@ -104,17 +104,12 @@ def standing_out(fit: Fit, index: int) -> StandingOut | None:
     Dias et al., Statistics in Medicine 29, 2010).
     """
     effect, model = fit.effects[index], fit.problem.model
-    for family in model.families:
+    for family, members in model.family_slices:
         if family.sites and (family.name, family.kind) == (effect.name, effect.kind):
-            start = next(
-                number
-                for number, item in enumerate(model.calibrations)
-                if isinstance(item, Member) and item.name == f"{family.name} 0"
-            )
+            sd = model.calibrations[members.start].sd
             place = fit.coordinate_slice(index)
-            spread = np.hypot(model.calibrations[start].sd, np.sqrt(np.diag(fit.covariance)[place]))
+            spread = np.hypot(sd, np.sqrt(np.diag(fit.covariance)[place]))
             deviation = np.abs(fit.theta[place])
             p_values = 2.0 * norm.sf(deviation / spread) * len(family.sites)
-            ratio = float((deviation / model.calibrations[start].sd).min())
-            return StandingOut(ratio, min(1.0, float(p_values.max())))
+            return StandingOut(float((deviation / sd).min()), min(1.0, float(p_values.max())))
     return None

@@ -214,16 +214,28 @@ class RecordingSimulator:
         simulator.member_derivatives = derivatives
         return simulator
 
+    @property
+    def family_slices(self) -> list[tuple[Candidate, slice]]:
+        """The families, each with the slice of the calibrations that its members are."""
+        start = len(self.calibrations) - self.member_count
+        pairs = []
+        for candidate in self.families:
+            pairs.append((candidate, slice(start, start + candidate.size)))
+            start += candidate.size
+        return pairs
+
+    @property
+    def member_count(self) -> int:
+        """The number of calibrations that are members of families."""
+        return sum(candidate.size for candidate in self.families)
+
     def family_coordinates(self, coordinates: np.ndarray) -> list[tuple[Candidate, np.ndarray]]:
         """The families, each with its candidate's coordinates, at coordinates (P,) of the
         calibrations."""
-        start = len(coordinates) - sum(candidate.size for candidate in self.families)
         pairs = []
-        for candidate in self.families:
-            members = slice(start, start + candidate.size)
+        for candidate, members in self.family_slices:
             values = zip(self.calibrations[members], coordinates[members], strict=True)
             pairs.append((candidate, np.array([item.value(u) for item, u in values])))
-            start += candidate.size
         return pairs
 
     def family_settings(self, coordinates: np.ndarray) -> list[Setting]:
@@ -308,12 +320,11 @@ class RecordingSimulator:
         stages = [
             s for stage in ("touch", "skin", "clock") for s in stage_settings(settings, stage)
         ]
-        members = sum(candidate.size for candidate in self.families)
         key = (
             self._displacement_key,
             touched,
             accuracy,
-            *np.asarray(coordinates).tolist()[: len(self.calibrations) - members],
+            *np.asarray(coordinates).tolist()[: len(self.calibrations) - self.member_count],
             *map(_key, stages),
         )
         if key in self._sensed:

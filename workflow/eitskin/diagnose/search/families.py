@@ -79,31 +79,32 @@ def with_members(outcome: Outcome) -> Outcome:
 
 def _member_derivatives(fitted: Fit) -> np.ndarray:
     """(K, N, M): derivatives of the readings by the members of a fit's families."""
-    stop = len(fitted.problem.model.calibrations)
-    count = sum(candidate.size for candidate in fitted.problem.model.families)
-    return fitted.problem.whitening.unwhitened(fitted.jacobian[stop - count : stop])
+    model = fitted.problem.model
+    stop = len(model.calibrations)
+    columns = fitted.jacobian[stop - model.member_count : stop]
+    return fitted.problem.whitening.unwhitened(columns)
 
 
 def _with_coordinates(fitted: Fit, model: RecordingSimulator) -> np.ndarray:
     """(P,): coordinates of a fit in a simulator with families, whose members are as they were in
     the fit, 0 where they were not."""
     old, count = fitted.problem.model, len(fitted.problem.model.calibrations)
-    sizes = sum(candidate.size for candidate in old.families)
+    plain_count = count - old.member_count
     values = {
         (*candidate.key, i): u
         for candidate, coordinates in old.family_coordinates(fitted.theta[:count])
         for i, u in enumerate(coordinates)
     }
     keys = [(*candidate.key, i) for candidate in model.families for i in range(candidate.size)]
-    sds = [item.sd for item in model.calibrations[count - sizes :]]
+    sds = [item.sd for item in model.calibrations[plain_count:]]
     members = [values.get(key, 0.0) / sd for key, sd in zip(keys, sds, strict=True)]
-    return np.r_[fitted.theta[: count - sizes], members, fitted.theta[count:]]
+    return np.r_[fitted.theta[:plain_count], members, fitted.theta[count:]]
 
 
 def _without_members(fitted: Fit, model: RecordingSimulator) -> Fit:
     """A fit in a simulator with families, whose members are all 0 and do nothing."""
-    members = sum(candidate.size for candidate in model.families)
-    model = model.with_member_derivatives(np.zeros((members, *fitted.residual.shape)))
+    nothing = np.zeros((model.member_count, *fitted.residual.shape))
+    model = model.with_member_derivatives(nothing)
     problem = replace(fitted.problem, model=model)
     count, size = len(fitted.problem.model.calibrations), len(model.calibrations)
     slopes = np.insert(fitted.jacobian, [count] * (size - count), 0.0, axis=0)
@@ -113,14 +114,12 @@ def _without_members(fitted: Fit, model: RecordingSimulator) -> Fit:
 
 def without_family(fitted: Fit, name: str) -> Fit:
     """A fit without one of its families, all the rest fitted anew."""
-    old, count = fitted.problem.model, len(fitted.problem.model.calibrations)
-    start = count - sum(candidate.size for candidate in old.families)
-    families, theta = [], [fitted.theta[:start]]
-    for candidate in old.families:
-        if family_name(candidate) != name:
-            families.append((candidate, old.calibrations[start].sd))
-            theta.append(fitted.theta[start : start + candidate.size])
-        start += candidate.size
-    model = old.without_families().with_families(families)
-    problem = replace(fitted.problem, model=model)
-    return fit(problem, fitted.effects, np.concatenate([*theta, fitted.theta[count:]]), polish=True)
+    model = fitted.problem.model
+    families = [
+        (candidate, model.calibrations[members.start].sd)
+        for candidate, members in model.family_slices
+        if family_name(candidate) != name
+    ]
+    reduced = model.without_families().with_families(families)
+    start = _with_coordinates(fitted, reduced)
+    return fit(replace(fitted.problem, model=reduced), fitted.effects, start, polish=True)

@@ -78,19 +78,17 @@ def _worth(
     predicts in a covariance of its own then: another one moves it.
     """
     effect, problem = explanation.effects[index], explanation.fit.problem
-    reduced_set = reduced(search, explanation, index)
+    reduced_set, judge = reduced(search, explanation, index), search.journal.judge
+    culprit = standing_out(explanation.fit, index)
+    if culprit is not None and CULPRIT.admits(culprit.p_value):
+        judge(CULPRIT, culprit.p_value, effect, reduced_set)
+        return 0.0
     rival = predicted(search, reduced_set, explanation)
     gain, error = explanation.held_out.gain(rival)
     mask, model = problem.whitening.mask, problem.model
     pressed = model.touched & model.simulable & mask.any(axis=1)
     over_presses = gain_over_presses(explanation.held_out, rival, units[:, 0], pressed)
-    culprit = standing_out(explanation.fit, index)
-    if culprit is not None and CULPRIT.admits(culprit.p_value):
-        judge = search.journal.judge
-        judge(CULPRIT, culprit.p_value, effect, reduced_set)
-        return 0.0
     values = [(FOLDS, gain - STANDARD_ERRORS * error), (PRESSES, over_presses)]
-    judge = search.journal.judge
     worth = min((v for gate, v in values if not judge(gate, v, effect, reduced_set)), default=0.0)
     errors = explanation.held_out.residual, reduced_set.held_out.residual
     comparison = harm(*errors, np.where(mask, 0.0, np.nan), units)

@@ -185,6 +185,7 @@ def _entry(diagnosis: Diagnosis, index: int) -> dict:
         gains = {rival.name: rival.gain for rival in rivals}
         alternatives.sort(key=lambda name: gains.get(name, np.inf))
     gain, error = least_gain(diagnosis, index)
+    reduced_set = reduced(diagnosis.search, explanation, index)
     entry: dict[str, Any] = {
         "name": candidate.name,
         "alternatives": alternatives,
@@ -192,7 +193,7 @@ def _entry(diagnosis: Diagnosis, index: int) -> dict:
         **{kind: [] for kind in ("electrodes", "drives", "measures", "channels")},
         "driver": candidate.effect.driver,
         "parameters": estimates(explanation.fit, index),
-        "share": _share(diagnosis, index),
+        "share": diagnosis.returned_share(diagnosis.prediction_by(reduced_set)),
         "evidence": {
             "elpd_gain": gain,
             "elpd_se": error,
@@ -214,14 +215,3 @@ def _entry(diagnosis: Diagnosis, index: int) -> dict:
     ]
     entry["sentence"] = " ".join(sentences)
     return entry
-
-
-def _share(diagnosis: Diagnosis, index: int) -> float:
-    """Share of the excess chi squared of the folds left out that returns without an effect, of 0 to
-    1."""
-    reduced_set = reduced(diagnosis.search, diagnosis.explanation, index)
-    before = diagnosis.prediction_by(diagnosis.baseline)
-    without = diagnosis.prediction_by(reduced_set)
-    excess = before.chi2.sum() - before.reading_count
-    returned = without.chi2.sum() - diagnosis.prediction.chi2.sum()
-    return float(np.clip(returned / excess if excess > 0.0 else 0.0, 0.0, 1.0))

@@ -72,6 +72,19 @@ class Diagnosis:
         as all that is compared with it there."""
         return named_prediction(self.explanation, self.named_fit)
 
+    @cached_property
+    def excess_chi2(self) -> float:
+        """Chi squared of the folds left out, beyond their number, that the baseline leaves."""
+        baseline = self.prediction_by(self.baseline)
+        return float(baseline.chi2.sum() - baseline.reading_count)
+
+    def returned_share(self, prediction: CrossValidation) -> float:
+        """Share of `excess_chi2` that returns with a prediction by less than is named, of 0 to
+        1."""
+        returned = prediction.chi2.sum() - self.prediction.chi2.sum()
+        share = returned / self.excess_chi2 if self.excess_chi2 > 0.0 else 0.0
+        return float(np.clip(share, 0.0, 1.0))
+
     def prediction_by(self, explanation: Explanation) -> CrossValidation:
         """What another explanation predicts for them in that covariance. Raises InputError where it
         has no physics where touches were displaced to."""

@@ -8,7 +8,6 @@ from eitskin.diagnose.fitting.candidates import Candidate
 from eitskin.diagnose.fitting.families import family_name
 from eitskin.diagnose.fitting.family_sizes import FamilySizes
 from eitskin.diagnose.fitting.held_out import held_out
-from eitskin.diagnose.fitting.simulator import Member
 from eitskin.diagnose.noise.components import COMPONENTS
 from eitskin.diagnose.noise.families import Family
 from eitskin.diagnose.noise.noise_model import NORMAL_90
@@ -58,7 +57,9 @@ def families(diagnosis: Diagnosis) -> list[dict]:
             "kind": family.group,
             "driver": members[0].effect.driver,
             "sd": {"value": sd, "low": sd / factor, "high": sd * factor, "unit": unit},
-            "share": _share(diagnosis, name),
+            "share": diagnosis.returned_share(
+                held_out(without_family(fitted, name), diagnosis.search.folds)
+            ),
             "confused_with": confused,
             **_members(diagnosis, members, typical),
         }
@@ -80,35 +81,20 @@ def _members(diagnosis: Diagnosis, members: list[Candidate], typical: float) -> 
     """`sites`, `values` and `values_sd` of a family: of one without sites, the harmonics and the
     amplitudes."""
     fit = diagnosis.named_fit
-    model, covariance = fit.problem.model, fit.covariance
-    calibration = fit.theta[: len(model.calibrations)]
-    start = len(calibration) - sum(candidate.size for candidate in model.families)
+    model, variances = fit.problem.model, np.diag(fit.covariance)
     sites: list[int] = []
     values: list[float] = []
     sds: list[float] = []
-    for candidate, coordinates in model.family_coordinates(calibration):
-        stop = start + candidate.size
+    for candidate, place in model.family_slices:
         if any(candidate is member for member in members):
-            item = model.calibrations[start]
-            assert isinstance(item, Member)
-            spread = typical * item.sd * np.sqrt(np.diag(covariance)[start:stop])
+            sd = typical * model.calibrations[place.start].sd
+            deviations, spread = sd * fit.theta[place], sd * np.sqrt(variances[place])
             if candidate.sites is None:
                 sites.append(int(candidate.start["harmonic"]))
-                values.append(typical * float(np.linalg.norm(coordinates)))
+                values.append(float(np.linalg.norm(deviations)))
                 sds.append(float(np.sqrt((spread**2).mean())))
             else:
                 sites += [int(site) for site in candidate.sites]
-                values += (typical * coordinates).tolist()
+                values += deviations.tolist()
                 sds += spread.tolist()
-        start = stop
     return {"sites": sites, "values": values, "values_sd": sds}
-
-
-def _share(diagnosis: Diagnosis, name: str) -> float:
-    """Share of the excess chi squared of the folds left out that returns without a family, the rest
-    fitted anew, of 0 to 1."""
-    baseline = diagnosis.prediction_by(diagnosis.baseline)
-    reduced = held_out(without_family(diagnosis.named_fit, name), diagnosis.search.folds)
-    excess = baseline.chi2.sum() - baseline.reading_count
-    returned = reduced.chi2.sum() - diagnosis.prediction.chi2.sum()
-    return float(np.clip(returned / excess if excess > 0.0 else 0.0, 0.0, 1.0))
