@@ -53,12 +53,13 @@ def family_columns(
 ) -> dict[str, np.ndarray]:
     """(K, N, M) by family: derivatives of the readings by the coordinates of its members; families
     whose members change less than LEAST_CHANGE have none."""
-    shape = tangents.voltage.shape
+    voltage, nothing = tangents.voltage, np.zeros_like(tangents.voltage)
     columns = {}
     for name, candidates in families.items():
         raw = [column for c in candidates for column in tangents.raw_columns(c)]
-        present = [column.reshape(shape) for column in raw if column is not None]
-        length = np.linalg.norm(present) if present else 0.0
-        if length > LEAST_CHANGE * np.linalg.norm(tangents.voltage):
-            columns[name] = np.array(present, float)
+        by_member = np.array(
+            [nothing if column is None else column.reshape(voltage.shape) for column in raw], float
+        )
+        if np.linalg.norm(by_member) > LEAST_CHANGE * np.linalg.norm(voltage):
+            columns[name] = by_member
     return columns

@@ -208,8 +208,9 @@ class RecordingSimulator:
         count = len(self.member_derivatives)
         return np.arange(len(self.calibrations))[-count:], self.member_derivatives
 
-    def with_member_derivatives(self, derivatives: np.ndarray) -> "RecordingSimulator":
-        """The simulator with known derivatives (K, N, M) by the members' coordinates."""
+    def with_member_derivatives(self, derivatives: np.ndarray | None) -> "RecordingSimulator":
+        """The simulator with known derivatives (K, N, M) by the members' coordinates, None for
+        unknown ones."""
         simulator = copy(self)
         simulator.member_derivatives = derivatives
         return simulator

@@ -5,13 +5,15 @@ coordinates of the fit itself, beside the calibrations: the simulation has them,
 readings left out are made with them, and no discrepancy of theirs is in any covariance.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
+from eitskin.diagnose.fitting.candidates import Candidate
 from eitskin.diagnose.fitting.families import family_name
 from eitskin.diagnose.fitting.family_sizes import FamilySizes
-from eitskin.diagnose.fitting.fit import Fit, fit
+from eitskin.diagnose.fitting.fit import Fit, fit, renewed_slopes
 from eitskin.diagnose.fitting.jacobian import Jacobian
 from eitskin.diagnose.fitting.linearisation import linearised_rig_errors
 from eitskin.diagnose.fitting.simulator import RecordingSimulator
@@ -47,19 +49,23 @@ def with_members(outcome: Outcome) -> Outcome:
     whitening = explanation.rig.whitening(rig_sds, fitted=True)
     problem = replace(explanation.fit.problem, whitening=whitening)
     fitted = replace(explanation.fit, problem=problem)
-    for _ in range(SIZE_ROUNDS):
-        families = [(c, sd) for name, sd in sds.items() for c in search.problem.families[name]]
-        model = search.problem.model.with_families(families)
+    derivatives = {name: explanation.rig.columns[name] for name in sds}
+    for number in range(SIZE_ROUNDS):
+        families = {name: (search.problem.families[name], sd) for name, sd in sds.items()}
+        model = _with_families(search.problem.model, families, derivatives)
         start = _with_coordinates(fitted, model)
         fitted = fit(replace(problem, model=model), explanation.effects, start, polish=True)
+        if number == 0:
+            fitted = _relinearised(fitted)
+            derivatives = _typical_derivatives(fitted.problem.model)
         sizes = FamilySizes.from_fit(fitted)
         greatest_sds, _ = sizes.greatest()
         is_settled = np.allclose(greatest_sds, sizes.sds, rtol=SAME_SIZE, atol=0.0)
         sds = {name: sd for name, sd in zip(sizes.names, greatest_sds, strict=True) if sd > 0.0}
-        if is_settled or not sds:
+        if (is_settled and number > 0) or not sds:
             break
-    model = model.with_member_derivatives(_member_derivatives(fitted))
-    fitted = replace(fitted, problem=replace(fitted.problem, model=model))
+    fitted = _relinearised(fitted)
+    model = fitted.problem.model
     search.report(f"a little wrong everywhere: {', '.join(sizes.names)}")
     in_noise = replace(search.problem, model=model)
     rig = linearised_rig_errors(fitted, in_noise.whitening, search.converter_step)
@@ -77,12 +83,42 @@ def with_members(outcome: Outcome) -> Outcome:
     return search, baseline, explain(search, fitted, explanation.p_values, rig_sds, rig)
 
 
-def _member_derivatives(fitted: Fit) -> np.ndarray:
-    """(K, N, M): derivatives of the readings by the members of a fit's families."""
-    model = fitted.problem.model
-    stop = len(model.calibrations)
-    columns = fitted.jacobian[stop - model.member_count : stop]
-    return fitted.problem.whitening.unwhitened(columns)
+def _relinearised(fitted: Fit) -> Fit:
+    """A fit whose simulator has derivatives by the members as they are at its coordinates."""
+    problem = fitted.problem
+    afresh = replace(problem, model=problem.model.with_member_derivatives(None))
+    fitted = renewed_slopes(replace(fitted, problem=afresh))
+    stop = len(problem.model.calibrations)
+    columns = fitted.jacobian[stop - problem.model.member_count : stop]
+    derivatives = problem.whitening.unwhitened(columns)
+    model = problem.model.with_member_derivatives(derivatives)
+    return replace(fitted, problem=replace(problem, model=model))
+
+
+def _typical_derivatives(model: RecordingSimulator) -> dict[str, np.ndarray]:
+    """(K, N, M) by family: derivatives by a typical change of each member of a simulator."""
+    members, derivatives = model.member_columns
+    columns: dict[str, list[np.ndarray]] = {}
+    for candidate, place in model.family_slices:
+        sd = model.calibrations[place.start].sd
+        family = derivatives[place.start - members[0] : place.stop - members[0]]
+        columns.setdefault(family_name(candidate), []).append(family / sd)
+    return {name: np.concatenate(parts) for name, parts in columns.items()}
+
+
+def _with_families(
+    model: RecordingSimulator,
+    families: Mapping[str, tuple[tuple[Candidate, ...], float]],
+    derivatives: Mapping[str, np.ndarray],
+) -> RecordingSimulator:
+    """A simulator with families: by name the candidates, their sd, and what a typical change of
+    each member does to the readings."""
+    pairs = [(candidate, sd) for members, sd in families.values() for candidate in members]
+    model = model.without_families().with_families(pairs)
+    if not pairs:
+        return model
+    scaled = [sd * derivatives[name] for name, (_, sd) in families.items()]
+    return model.with_member_derivatives(np.concatenate(scaled))
 
 
 def _with_coordinates(fitted: Fit, model: RecordingSimulator) -> np.ndarray:
@@ -115,11 +151,13 @@ def _without_members(fitted: Fit, model: RecordingSimulator) -> Fit:
 def without_family(fitted: Fit, name: str) -> Fit:
     """A fit without one of its families, all the rest fitted anew."""
     model = fitted.problem.model
-    families = [
-        (candidate, model.calibrations[members.start].sd)
-        for candidate, members in model.family_slices
-        if family_name(candidate) != name
-    ]
-    reduced = model.without_families().with_families(families)
+    families: dict[str, tuple[tuple[Candidate, ...], float]] = {}
+    for candidate, place in model.family_slices:
+        family = family_name(candidate)
+        members, _ = families.get(family, ((), 0.0))
+        families[family] = (*members, candidate), model.calibrations[place.start].sd
+    derivatives = _typical_derivatives(model)
+    families.pop(name)
+    reduced = _with_families(model, families, derivatives)
     start = _with_coordinates(fitted, reduced)
     return fit(replace(fitted.problem, model=reduced), fitted.effects, start, polish=True)

@@ -76,7 +76,7 @@ def another_instrument(
     problem = rough(search, explanation)
     candidate_groups = list(groups(search.candidates, search.last_resorts))
     for group in nearest(problem, explanation.effects, explanation.fit.theta, candidate_groups):
-        trial = from_far(search, explanation, group, start_coordinates(group))
+        trial = from_far(search, explanation, [group], start_coordinates(group))
         if not isinstance(trial, Explanation):
             search.journal.judge(trial.gate, trial.value, group[0], explanation)
             continue

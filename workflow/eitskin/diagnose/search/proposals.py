@@ -11,7 +11,7 @@ from eitskin.diagnose.fitting.candidates import Candidate, is_by_channel, is_dis
 from eitskin.diagnose.fitting.fit import rewhitened
 from eitskin.diagnose.fitting.tangents import Tangents
 from eitskin.diagnose.noise.components import COMPONENTS
-from eitskin.diagnose.search import channels, far_starts, tones
+from eitskin.diagnose.search import channels, tones
 from eitskin.diagnose.search.explanation import Explanation, added_effect
 from eitskin.diagnose.search.gates import (
     ABSORBED,
@@ -22,13 +22,12 @@ from eitskin.diagnose.search.gates import (
     RACE,
     REACH,
     SIGNATURE,
-    STARTS,
     SURPRISE,
     Gate,
 )
 from eitskin.diagnose.search.journal import Refusal
 from eitskin.diagnose.search.prediction import cost_for, is_gross
-from eitskin.diagnose.search.refits import in_processes, linearised, rough, with_effect
+from eitskin.diagnose.search.refits import in_processes, linearised, with_effect
 from eitskin.diagnose.search.screen import (
     Score,
     best_few,
@@ -333,24 +332,8 @@ def cached_trials(search: Search, explanation: Explanation) -> list[Explanation]
 
 
 def _far(search: Search, explanation: Explanation, listed: list[Score]) -> list[Score]:
-    """Scores of candidates that no tangent leads to, but for names that are listed, where nobody
-    touches: such a recording has little else to be told by. Of every name the few that begin
-    nearest to the readings."""
+    """Scores of names that no tangent leads to, but for those that are listed, where nobody
+    touches: such a recording has little else to be told by."""
     names = {c.name for c in explanation.effects} | {s.candidate.name for s in listed}
-    problem = rough(search, explanation)
-    starts: dict[str, dict] = {}
-    for candidate in search.candidates:
-        if not search.starts_far(candidate) or candidate.name in names:
-            continue
-        theta = explanation.fit.theta
-        chi2, _ = far_starts.start(problem, explanation.effects, theta, [candidate])
-        of_name = starts.setdefault(candidate.name, {})
-        depth = next(iter(candidate.start.items()), ())
-        if chi2 < of_name.get(depth, (np.inf, candidate))[0]:
-            of_name[depth] = chi2, candidate
-    count = int(STARTS.threshold)
-    return [
-        Score(candidate, 0.0, 1, -np.inf)
-        for of_name in starts.values()
-        for _, candidate in sorted(of_name.values(), key=lambda pair: pair[0])[:count]
-    ]
+    far = {c.name: c for c in search.candidates if search.starts_far(c) and c.name not in names}
+    return [Score(candidate, 0.0, 1, -np.inf) for candidate in far.values()]

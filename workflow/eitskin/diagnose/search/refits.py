@@ -35,6 +35,7 @@ from eitskin.diagnose.search.gates import (
     FORLORN,
     PHYSICS,
     SITES,
+    STARTS,
 )
 from eitskin.diagnose.search.journal import Refusal
 from eitskin.diagnose.search.prediction import is_gross
@@ -51,6 +52,7 @@ DISCREPANCY = "static-discrepancy"  # the component of one value a channel
 # Share of the readings that is left unexplained, as a far fit counts it: at most, so that it goes
 # somewhere; at least, for bodies are solved coarsely there.
 FAR_DISCREPANCY, COARSE_DISCREPANCY = 0.05, 3e-4
+FAR_RENEWALS = 4  # of the Jacobian of a fit that begins far off
 PROCESSES = 4  # fits at once, of which none knows what the others solve
 
 
@@ -187,7 +189,7 @@ def calibrated(search: Search) -> tuple[Search, Explanation]:
         rig = linearised_rig_errors(best, search.problem.whitening, search.converter_step)
         search = replace(search, rig=rig)
     from_tangents = explain(search, best)
-    far = from_far(search, from_tangents, []) if search.learns_rig and search.untouched else None
+    far = from_far(search, from_tangents, [[]]) if search.learns_rig and search.untouched else None
     if not isinstance(far, Explanation) or far.log_evidence <= from_tangents.log_evidence:
         return search, from_tangents
     return search, far
@@ -275,26 +277,50 @@ def _attempted(
 def from_far(
     search: Search,
     explanation: Explanation,
-    candidates: list[Candidate],
+    groups: Sequence[Sequence[Candidate]],
     sizes: Sequence[tuple[float, ...]] | None = None,
 ) -> Explanation | Refusal:
-    """An explanation with candidates fitted from the beliefs, whatever it made of them; sizes: the
-    candidates' coordinates that are tried (`far_starts.start`)."""
-    effects = [*explanation.effects, *candidates]
+    """An explanation with one of several groups of candidates fitted from the beliefs, whatever it
+    made of them: that whose coarse fit is nearest to the readings; sizes: the candidates'
+    coordinates that are tried (`far_starts.start`)."""
     problem = rough(search, explanation)
     sds = {DISCREPANCY: explanation.error_sds.get(DISCREPANCY, 0.0)}
 
     def attempt() -> Explanation | Refusal:
-        _, start = far_starts.start(
-            problem, explanation.effects, explanation.fit.theta, candidates, sizes
-        )
-        theta = fit(problem, effects, start, polish=True).theta
-        coarse = fit(replace(problem, model=search.problem.model), effects, theta)
-        refined = explain(search, coarse, explanation.p_values, sds)
-        fine = fit(refined.fit.problem, effects, refined.fit.theta, refined.fit.jacobian)
+        fitted = None
+        for start, group in _starts(problem, explanation.fit, groups, sizes):
+            limits = FitLimits(np.inf if fitted is None else fitted.cost, FAR_RENEWALS)
+            trial = fit(problem, [*explanation.effects, *group], start, limits=limits)
+            if fitted is None or trial.cost < fitted.cost:
+                fitted = trial
+        if fitted is None:
+            return Refusal(PHYSICS, 0.0)
+        if not search.problem.model.coarse:
+            fine_problem = replace(problem, model=search.problem.model)
+            fitted = fit(fine_problem, fitted.effects, fitted.theta)
+        refined = explain(search, fitted, explanation.p_values, sds)
+        fine = fit(refined.fit.problem, fitted.effects, refined.fit.theta, refined.fit.jacobian)
         return explain(search, fine, explanation.p_values, refined.error_sds, refined.rig)
 
     return _attempted(search, attempt)
+
+
+def _starts(
+    problem: Problem,
+    fitted: Fit,
+    groups: Sequence[Sequence[Candidate]],
+    sizes: Sequence[tuple[float, ...]] | None,
+) -> list[tuple[np.ndarray, Sequence[Candidate]]]:
+    """Coordinates where fits of groups beside a fit's effects begin, the nearest to the readings
+    first: of each value of the first key of their starts one, as many as STARTS admits."""
+    best: dict[tuple, tuple[float, np.ndarray, Sequence[Candidate]]] = {}
+    for group in groups:
+        chi2, start = far_starts.start(problem, fitted.effects, fitted.theta, group, sizes)
+        key = tuple(next(iter(candidate.start.items()), ()) for candidate in group)
+        if chi2 < best.get(key, (np.inf,))[0]:
+            best[key] = chi2, start, group
+    nearest = sorted(best.values(), key=lambda item: item[0])
+    return [(start, group) for _, start, group in nearest[: int(STARTS.threshold)]]
 
 
 def with_effect(
@@ -328,7 +354,8 @@ def with_effect(
         if not effect.effect.several or _is_same_entry(effect, candidate):
             return Refusal(ENTRY, 0.0)
     if search.starts_far(candidate):
-        return from_far(search, explanation, [candidate])
+        alike = (c for c in search.candidates if c.name == candidate.name)
+        return from_far(search, explanation, [[c] for c in alike if search.starts_far(c)])
     start = np.r_[theta, np.zeros(candidate.size)]
     columns = linearised(search, explanation).jacobian(candidate)
     jacobian = np.concatenate([explanation.fit.jacobian, columns])
