@@ -135,8 +135,11 @@ class Board:
         numbers = np.array([_number(field, *printing) for field in fields])
         if np.isnan(numbers).any():
             place = int(np.flatnonzero(np.isnan(numbers))[0])
-            expected = f"no {grammar['number']} of the board's range and step"
-            return Reject("value", f"value {place} is {fields[place][:20]!r}, {expected}")
+            low, high = self.description["range"]
+            expected = f"{grammar['number']} from {low:g} to {high:g}"
+            expected += f" in steps of {step:g}" if (step := self.description.get("step")) else ""
+            detail = f"value {place} is {fields[place][:20]!r}, expected {expected}"
+            return Reject("value", detail)
         driven = numbers[~self.is_recorded]
         if self._setting("driven") == ZERO and driven.any():
             largest = driven[np.abs(driven).argmax()]
