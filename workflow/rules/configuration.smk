@@ -7,7 +7,9 @@ from snakemake.utils import update_config
 try:
     from eitskin.errors import reported
 except ModuleNotFoundError:
-    raise WorkflowError("eitskin is not in Snakemake's Python: pip install CLONE[workflow]") from None
+    raise WorkflowError(
+        "eitskin is not in Snakemake's Python: pip install CLONE[workflow]"
+    ) from None
 
 # Whoever adds an effect or a format may leave it broken: read with them, it is told in one line.
 with reported("logs/configuration.log"):
