@@ -23,6 +23,8 @@ ZERO_N = 0.02
 class Rig:
     """Writes the records of a capture; a clock that goes on, frames that are told apart."""
 
+    frame_s = 0.3  # circular-16's
+
     def __init__(self, emulated: bool = False):
         self.config = copy.deepcopy(RIG) | {"emulated": emulated}
         self.draw = np.random.default_rng(5)
@@ -40,6 +42,7 @@ class Rig:
         robot = {"serial": "20201234", "emulated": self.config["emulated"]}
         clocks = {"monotonic_s": self.now_s, "utc": utc}
         may_change = {key: copy.deepcopy(self.config[key]) for key in ("board", "session")}
+        may_change["board"]["frame_s"] = self.frame_s
         self.add("run", run=self.run, robot=robot, **may_change, **clocks)
 
     def frame(self, attempt_key: dict, phase: str, depth_mm: float | None, force_N: float) -> None:
@@ -153,14 +156,12 @@ BENCH = {  # 208 signed ohms a line, numbered
 class BenchRig(Rig):
     """A rig with a board of one's own, whose file may be gone by now."""
 
+    frame_s = BENCH["frame_s"]
+
     def __init__(self):
         super().__init__()
         self.config["board"] = {"port": "/dev/ttyACM1", "profile": "gone.yaml"}
         self.records[0]["board"] = BENCH
-
-    def begin_run(self, utc: str = "2026-03-01T10:00:00+00:00") -> None:
-        super().begin_run(utc)
-        self.records[-1]["board"]["frame_s"] = BENCH["frame_s"]
 
     def line(self, steps: np.ndarray) -> str:
         return "7>" + " ".join(f"{0.1 * step - 3.5:+.3f}" for step in steps[:208]) + "\r\n"
