@@ -75,11 +75,7 @@ def test_the_fingerprint_follows_what_decides_the_samples():
 def test_another_line_of_a_board_s_file_is_another_plan_its_timing_is_not(tmp_path):
     text = (board.FOLDER / "circular-16.yaml").read_text(encoding="utf-8")
     shas = []
-    for changed in (
-        text,
-        text.replace("0.742", "0.7"),
-        text.replace("frame_s: 0.3", "frame_s: 0.2"),
-    ):
+    for old, new in (("0.742", "0.742"), ("0.742", "0.7"), ("frame_s: 0.3", "frame_s: 0.2")):
         path = tmp_path / "mine.yaml"
         path.write_text(text.replace(old, new), encoding="utf-8")
         shas.append(plan_sha256(changed_rig("board", "profile", value=str(path))))
