@@ -122,6 +122,28 @@ def test_a_line_says_the_simulated_readings_to_the_converters_step(tmp_path):
     assert np.abs(codes - np.round(codes)).max() * STEP_V <= 5e-5 + 1e-12
 
 
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"electrodes": 8, "driven": "ignored", "voltage": "signed", "range": [-3000, 3000]},
+        {"electrodes": 13, "line": {"begin": "F%d,", "number": "%d", "between": ",", "end": "\n"}},
+        {"drive": "opposite", "step": 0.5, "unit": "ohm", "remarks": "#.*"},
+    ],
+)
+def test_a_line_of_any_board_says_what_was_measured(changed):
+    description = {
+        **{"electrodes": 16, "drive": "adjacent", "measurement": "adjacent"},
+        "line": {"begin": "magnitudes: ", "number": "%13.4f", "between": ",", "end": " *%02X\r\n"},
+        **{"factor": 0.001, "voltage": "magnitude", "range": [0, 3000], "ceiling": 3000},
+        **{"baud": 9600, "period_s": 1.0, "frame_s": 1.0},
+    }
+    eit_board = board.described("any", description | changed, "any.yaml")
+    readings = np.random.default_rng(1).uniform(-2.0, 2.0, len(eit_board.channels))
+    read = eit_board.parse(eit.text(eit.values(readings, eit_board), eit_board))
+    expected = readings if eit_board.voltage == "signed" else np.abs(readings)
+    np.testing.assert_allclose(read, expected, atol=1e-3)
+
+
 def test_readings_above_the_converters_range_saturate():
     assert eit.values(np.full(208, 2.0), PAPER).max() == 1.1
 
