@@ -28,6 +28,7 @@ include: "workflow/rules/loop.smk"
 
 
 rule all:
+    """Table I, limits, checks, diagnoses and the demonstration of concealed cases."""
     default_target: True
     input:
         rules.clean.output,

@@ -12,6 +12,7 @@ import pytest
 import yaml
 
 from eitskin.errors import InputError
+from eitskin.physics.protocol import channel_table
 from rigsim import robot
 from rigsim.config import read_config, read_fault
 from rigsim.log import EventLog
@@ -239,8 +240,8 @@ def test_a_wrong_configuration_is_one_line(tmp_path, change, message):
 
 def test_the_paper_like_rig_reads_as_real_boards_do():
     config = read_config(ROOT / "workflow" / "config" / "rigsim.yaml")
-    world = World(config["world"], config["seed"])
-    reading = world.readings(world.voltages(0.0, 0.3, None))
+    world = World(config["world"], channel_table(16), config["seed"])
+    reading = np.abs(world.readings(world.voltages(0.0, 0.3, None)))
     # Frames of real boards go down to 0.0365 V; a sine at full scale has 0.778 V.
     assert reading.min() > 0.0365 and reading.max() < 0.778
 

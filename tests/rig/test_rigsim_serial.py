@@ -13,8 +13,9 @@ from rigsim_process import PATIENCE_S, configuration, in_background
 serial = pytest.importorskip("serial", reason="pyserial, of the extra rig, is not installed")
 
 from rigsim.config import read_fault  # noqa: E402
-from rigsim.eit import STEP_V  # noqa: E402
 from rigsim.rig import Rig  # noqa: E402
+
+STEP_V = 2.2 / 1024  # of the paper's board
 
 
 def made(tmp_path, **changed) -> Rig:

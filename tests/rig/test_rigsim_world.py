@@ -2,16 +2,19 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from eitskin.data import board
 from eitskin.errors import InputError
 from eitskin.simulate.readings import simulate
 from rigsim import eit
 from rigsim.world import World
 from rigsim_process import CENTRE, SURFACE_Z_M, configuration
 
+PAPER, STEP_V = board.read("circular-16"), 2.2 / 1024
+
 
 def made(tmp_path, **changed) -> World:
     config = configuration(tmp_path)["world"]
-    return World({**config, **changed}, seed=1)
+    return World({**config, **changed}, PAPER.channels, seed=1)
 
 
 def at(x_mm: float, y_mm: float, depth_mm: float) -> np.ndarray:
@@ -106,7 +109,7 @@ def test_a_line_says_the_simulated_readings_to_the_converters_step(tmp_path):
     world = made(tmp_path)
     t = go_down(world, 0.0, 40.0, 3.0) + 1.0
     reading = np.abs(world.voltages(t, 0.3, world.press_since(t, t + 0.3)))
-    line = eit.text(eit.values(world.readings(reading), world.channels))
+    line = eit.text(eit.values(world.readings(reading), PAPER), PAPER)
     assert line.endswith(b", \n") and line.count(b", ") == 256
     printed = np.array([float(value) for value in line.decode().split(", ")[:-1]])
     for source, _, plus, _ in world.channels.tolist():
@@ -114,13 +117,35 @@ def test_a_line_says_the_simulated_readings_to_the_converters_step(tmp_path):
     driven = [16 * k + (k + j) % 16 for k in range(16) for j in (-1, 0, 1)]
     assert not printed[driven].any()
     measured_mask = printed[16 * world.channels[:, 0] + world.channels[:, 2]]
-    assert np.abs(measured_mask - reading).max() <= eit.STEP_V / 2 + 5e-5 + 1e-12
-    codes = measured_mask / eit.STEP_V
-    assert np.abs(codes - np.round(codes)).max() * eit.STEP_V <= 5e-5 + 1e-12
+    assert np.abs(measured_mask - reading).max() <= STEP_V / 2 + 5e-5 + 1e-12
+    codes = measured_mask / STEP_V
+    assert np.abs(codes - np.round(codes)).max() * STEP_V <= 5e-5 + 1e-12
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"electrodes": 8, "driven": "ignored", "voltage": "signed", "range": [-3000, 3000]},
+        {"electrodes": 13, "line": {"begin": "F%d,", "number": "%d", "between": ",", "end": "\n"}},
+        {"drive": "opposite", "step": 0.5, "unit": "ohm", "remarks": "#.*"},
+    ],
+)
+def test_a_line_of_any_board_says_what_was_measured(changed):
+    description = {
+        **{"electrodes": 16, "drive": "adjacent", "measurement": "adjacent"},
+        "line": {"begin": "magnitudes: ", "number": "%13.4f", "between": ",", "end": " *%02X\r\n"},
+        **{"factor": 0.001, "voltage": "magnitude", "range": [0, 3000], "ceiling": 3000},
+        **{"baud": 9600, "period_s": 1.0, "frame_s": 1.0},
+    }
+    eit_board = board.described("any", description | changed, "any.yaml")
+    readings = np.random.default_rng(1).uniform(-2.0, 2.0, len(eit_board.channels))
+    read = eit_board.parse(eit.text(eit.values(readings, eit_board), eit_board))
+    expected = readings if eit_board.voltage == "signed" else np.abs(readings)
+    np.testing.assert_allclose(read, expected, atol=1e-3)
 
 
 def test_readings_above_the_converters_range_saturate():
-    assert eit.quantised(np.array([2.0]))[0] == eit.MAX_V
+    assert eit.values(np.full(208, 2.0), PAPER).max() == 1.1
 
 
 def test_every_drive_sees_the_force_of_its_own_moment(tmp_path):

@@ -1,5 +1,6 @@
 """The workflow as a module of another one, in a folder of its own."""
 
+import shutil
 import subprocess
 import sys
 
@@ -67,3 +68,18 @@ def test_what_is_wrong_in_its_configuration_is_refused(run, tmp_path):
     assert plan.returncode != 0
     said = plan.stdout + plan.stderr
     assert "config of the module: forces.level: found an unknown key" in said
+
+
+def test_without_the_package_it_says_what_to_install(run, fresh, tmp_path):
+    shutil.copytree(fresh.folder / "workflow" / "rules", tmp_path / "alone" / "workflow" / "rules")
+    shutil.copy(fresh.folder / "Snakefile", tmp_path / "alone")
+    absent = "import sys; sys.modules['eitskin'] = None; from snakemake.cli import main; main()"
+    plan = subprocess.run(
+        [sys.executable, "-c", absent, "--snakefile", "alone/Snakefile", "--dry-run"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert plan.returncode != 0
+    assert "eitskin is not in Snakemake's Python: pip install" in plan.stdout + plan.stderr
+    assert "Traceback" not in plan.stderr

@@ -2,6 +2,7 @@
 
 import base64
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -115,3 +116,12 @@ def test_every_file_that_is_written_is_declared(finished):
         path = file.relative_to(finished.folder)
         if file.is_file() and file.name != ".snakemake_timestamp":
             assert {str(path), *map(str, path.parents)} & declared, f"no rule declares {path}"
+
+
+def test_every_rule_says_what_it_makes_also_where_catalogues_look(fresh, tmp_path):
+    house = fresh.copy(tmp_path / "house")
+    listed = house.forked("--snakefile", "workflow/Snakefile", "--list-rules")
+    rules = [line for line in listed.stdout.splitlines() if line]
+    assert listed.returncode == 0 and len(rules) > 60, listed.stderr
+    assert not [rule for rule in rules if not re.fullmatch(r"\w+ \(.+\.\)", rule)]
+    assert listed.stdout == house.forked("--list-rules").stdout

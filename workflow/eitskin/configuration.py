@@ -26,7 +26,7 @@ from eitskin.physics.skin import Skin
 from eitskin.schema import Validator, dotted, explained, one_of
 from eitskin.simulate.layout import force_levels
 from eitskin.simulate.readings import apply_skin, simulate
-from eitskin.simulate.sets import CONTINUOUS, sample_settings
+from eitskin.simulate.sets import CONTINUOUS, sample_settings, sessions
 
 MISSING = object()
 COMMAND_LINE = "--config"  # the source of values that no file contains
@@ -185,19 +185,34 @@ def _refuse_unphysical(config: dict) -> None:
         with _at_place(["recordings", name, "skin"], {key: [key] for key in stated_skin}):
             stated.refuse(stated_skin)
     for name, configuration in config["configurations"].items():
-        least_samples, samples = (
-            2 * configuration["session_frames"] + 1,
-            configuration.get("continuous_samples"),
-        )
-        if samples is not None and samples < least_samples:
-            place = ["configurations", name, "continuous_samples"]
-            expected = f"{least_samples} or more: three sessions, to train, validate and test"
-            raise _Refusal(place, samples, expected)
+        _refuse_few_sessions(config, name, configuration)
     low, high = twin["press"]["target_N"]
     if low > high:
         raise _Refusal(["twin", "press", "target_N"], [low, high], "the smaller force first")
     with _at_place(["forces"], {"forces.levels": ["levels"]}):
         force_levels(config["seed"], **config["forces"])
+
+
+def _refuse_few_sessions(config: dict, name: str, configuration: dict) -> None:
+    """Refuse a simulated set of fewer than three sessions where whole sessions are split."""
+    session_frames, grid = configuration["session_frames"], config["touch_grid"]
+    least_samples, samples = 2 * session_frames + 1, configuration.get("continuous_samples")
+    expected = "three sessions, to train, validate and test"
+    places, levels = grid["radii"] * grid["angles"], config["forces"]["levels"]
+    if samples is not None and samples < least_samples:
+        place = ["configurations", name, "continuous_samples"]
+        raise _Refusal(place, samples, f"{least_samples} or more: {expected}")
+    splits = {*config["table_1"]["configurations"].get(name, ())}
+    for key in ("varied_on", "compared_on"):
+        splits |= {*config["ablation"][key].get(f"simulated-{name}", ())}
+    crossed = {configuration["crossed"]} if "session" in splits else set()
+    crossed |= {False} if "continuous" in splits and samples is None else set()
+    for is_crossed in crossed:
+        session, _, _ = sessions(places, levels, session_frames, is_crossed, config["seed"])
+        if (n_sessions := int(session[-1]) + 1) < 3:
+            place = ["configurations", name, "session_frames"]
+            violation = f"{session_frames}: {n_sessions} sessions of {places * levels} samples"
+            raise _Refusal(place, violation, f"fewer frames: {expected}")
 
 
 def _skin(skin: dict, place: list) -> Geometry:

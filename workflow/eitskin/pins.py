@@ -1,27 +1,114 @@
-"""Conda environments, envs/*.yaml, from the pins in pyproject.toml: `python -m eitskin.pins`."""
+"""Conda environments, envs/*.yaml: what the scripts of their rules import, at the pins of
+pyproject.toml. `python -m eitskin.pins` writes them."""
 
+import ast
+import re
+import sys
 import tomllib
+from functools import cache
 from pathlib import Path
 
 from eitskin.atomic import atomic_path
+from eitskin.errors import InputError
 
 ROOT = Path(__file__).parents[2]
+HOUSE = ROOT / "workflow"
+RULE = re.compile(  # its environment and its script
+    r'"\.\./\.\./envs/(?P<concern>\w+)\.yaml"'
+    r"(?:(?!\n *rule ).)*?"
+    r'"\.\./scripts/(?P<script>\w+)\.py"',
+    re.DOTALL,
+)
+BY_NAME = {  # modules that load others, or start a process of them, without an import statement
+    "eitskin.effects": "eitskin.effects.",
+    "eitskin.learn.models": "eitskin.learn.networks",
+    "eitskin.data.importers": "eitskin.data.importers.",
+    "eitskin.capture.robot": "eitskin.capture.robot_worker",
+}
+PACKAGES = {  # of modules that are not called as their packages
+    "yaml": "pyyaml",
+    "serial": "pyserial",
+    "skfem": "scikit-fem",
+    "sklearn": "scikit-learn",
+    "rtde_control": "ur-rtde",
+    "rtde_receive": "ur-rtde",
+}
+
+
+def scripts_by_concern() -> dict[str, set[str]]:
+    """Names of the scripts whose rules have each conda environment."""
+    scripts: dict[str, set[str]] = {}
+    for file in sorted((HOUSE / "rules").glob("*.smk")):
+        for rule in RULE.finditer(file.read_text(encoding="utf-8")):
+            scripts.setdefault(rule["concern"], set()).add(rule["script"])
+    return scripts
 
 
 def environments(pyproject: str | Path) -> dict[str, str]:
     """Text of each conda environment file by concern.
 
-    `[tool.eitskin.environments]` lists the packages of a concern; their versions are the pins of
-    the project and its extras. Raises KeyError for a package that is not pinned there.
+    Raises InputError for a package that scripts import and `pyproject` does not pin.
     """
-    project = tomllib.loads(Path(pyproject).read_text(encoding="utf-8"))
-    extras = project["project"]["optional-dependencies"].values()
-    pins = sum(extras, project["project"]["dependencies"])
-    version = {name: pin for pin in pins for name in [pin.partition("==")[0]]}
-    python = project["project"]["requires-python"]
+    project = tomllib.loads(Path(pyproject).read_text(encoding="utf-8"))["project"]
+    pins = sum(project["optional-dependencies"].values(), project["dependencies"])
+    pin_of_package = {pin.partition("==")[0]: pin for pin in pins}
+    texts = {}
+    for concern, scripts in sorted(scripts_by_concern().items()):
+        packages = set().union(*map(imported_packages, scripts))
+        for package in packages - pin_of_package.keys():
+            expected = f"a pin: scripts of envs/{concern}.yaml import it"
+            raise InputError(pyproject, "dependencies", f"no {package}", expected)
+        concern_pins = [pin_of_package[package] for package in sorted(packages)]
+        texts[concern] = _conda(concern, project["requires-python"], concern_pins)
+    return texts
+
+
+def imported_packages(script: str) -> set[str]:
+    """Packages that scripts/`script`.py and all modules of the workflow that it reaches import."""
+    waiting, visited, packages = [HOUSE / "scripts" / f"{script}.py"], set(), set()
+    while waiting:
+        file = waiting.pop()
+        if file in visited:
+            continue
+        visited.add(file)
+        for name in _imports(file):
+            waiting += _files(name)
+            module = name.partition(".")[0]
+            if not (HOUSE / module).is_dir() and module not in sys.stdlib_module_names:
+                packages.add(PACKAGES.get(module, module.replace("_", "-")))
+    return packages
+
+
+@cache
+def _imports(file: Path) -> tuple[str, ...]:
+    """Names that import statements of a file may load, also those inside functions."""
+    names: list[str] = []
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+    return tuple(names)
+
+
+def _files(name: str) -> list[Path]:
+    """Files of a module of the workflow, of its packages, and of what it loads by name; none for
+    any other name."""
+    modules = _modules()
+    parts = name.split(".")
+    names = [".".join(parts[: k + 1]) for k in range(len(parts))]
+    prefixes = [BY_NAME[known] for known in names if known in BY_NAME and known in modules]
+    names += [known for known in modules if known.startswith(tuple(prefixes))]
+    return [modules[known] for known in names if known in modules]
+
+
+@cache
+def _modules() -> dict[str, Path]:
+    """Files by module name; a package's is its `__init__`."""
+    files = sorted(HOUSE.glob("*/**/*.py"))
     return {
-        concern: _conda(concern, python, [version[name] for name in packages])
-        for concern, packages in project["tool"]["eitskin"]["environments"].items()
+        ".".join(file.relative_to(HOUSE).with_suffix("").parts).removesuffix(".__init__"): file
+        for file in files
     }
 
 

@@ -10,7 +10,8 @@ SHOWING_ROWS = (ROOT / "README.md", *sorted(DOCS.rglob("*.md")))
 PAGES = {
     "effects.md": catalogue.page,
     "gates.md": gates.page,
-    "configuration.md": keys.page,
+    "configuration.md": keys.configuration,
+    "board.md": keys.board_file,
 }
 
 if __name__ == "__main__":

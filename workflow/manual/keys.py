@@ -1,8 +1,10 @@
-"""The keys of the configuration as a page, from its schema and the values in config.yaml."""
+"""The keys of the configuration and of a board as pages, from their schemas and example values."""
 
 from pathlib import Path
 
 import yaml
+
+from eitskin.data import board
 
 ROOT = Path(__file__).parents[2]
 SCHEMA = ROOT / "workflow" / "schemas" / "config.schema.yaml"
@@ -16,17 +18,40 @@ that is not here is refused, with those that are, the nearest first. Snakemake l
 `--configfile FILE` and `--config KEY=VALUE` over `config.yaml`; within `{}` on a command line it
 reads numbers as text, so that they belong into a file. Before targets that follow stands `--`.
 
-| key | value | here | what it is |
-|---|---|---|---|
 """
+BOARD_HEAD = f"""# A board's file
+
+Written by `python -m manual` from `workflow/eitskin/data/board.schema.yaml`; *here* is the board
+`{{name}}`. Boards by name are `workflow/eitskin/data/boards/NAME.yaml`:
+{", ".join(f"`{name}`" for name in board.NAMES)}. `rig.board.profile` and `eitskin stream --board`
+take a name or the path of a file of your own; [a new board](tutorials/a_new_board.md) makes one.
+Without `driven` nothing is printed of pairs that touch a driven electrode; with `zero` a 0, which
+is demanded, with `ignored` anything. `range`, `step` and `ceiling` are as printed; `factor` (1)
+times a printed number is a reading in `unit` (V). `begin` and `end` may hold conversions of printf,
+%d, %x, %.3f, for numbers that are passed over: a counter, a time, a checksum, unverified.
+
+"""
+TABLE_HEAD = "| key | value | here | what it is |\n|---|---|---|---|\n"
+EXAMPLE = "circular-16"
 
 
-def page() -> str:
-    """The page in Markdown."""
-    schema = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
-    defaults = yaml.safe_load(DEFAULTS.read_text(encoding="utf-8"))
-    rows = _rows(schema, schema, defaults, "")
-    return HEAD + "\n".join(rows) + "\n"
+def configuration() -> str:
+    """The page of the configuration's keys in Markdown."""
+    return HEAD + _table(SCHEMA, DEFAULTS)
+
+
+def board_file() -> str:
+    """The page of a board's keys in Markdown."""
+    return BOARD_HEAD.format(name=EXAMPLE) + _table(
+        board.SCHEMA, board.FOLDER / f"{EXAMPLE}{board.SUFFIX}"
+    )
+
+
+def _table(schema_path: Path, values_path: Path) -> str:
+    """All keys of a schema, with the values of a file."""
+    schema = yaml.safe_load(schema_path.read_text(encoding="utf-8"))
+    values = yaml.safe_load(values_path.read_text(encoding="utf-8"))
+    return TABLE_HEAD + "\n".join(_rows(schema, schema, values, "")) + "\n"
 
 
 def _rows(schema: dict, schema_root: dict, values: object, prefix: str) -> list[str]:
@@ -67,6 +92,8 @@ def _kind(subschema: dict) -> str:
         return f"as `{subschema['$ref']}` says"
     if "enum" in subschema:
         return ", ".join(f"`{choice}`" for choice in subschema["enum"])
+    if "anyOf" in subschema:
+        return " or ".join(_kind(choice) for choice in subschema["anyOf"])
     kinds = subschema.get("type", "")
     return " or ".join(kinds) if isinstance(kinds, list) else kinds
 

@@ -1,8 +1,8 @@
-"""The paper's EIT board: text lines of 256 RMS values over a serial line.
+"""An EIT board of a description: text lines over a serial line, as the paper's board prints them.
 
-Source: circulartest_0731.ino of knazari/eit_hybrid_state_estimation. The firmware is silent until
-the port is opened, says nothing first, reads no commands, and works in a loop: a frame, its line,
-the next frame.
+The firmware (circulartest_0731.ino of knazari/eit_hybrid_state_estimation) is silent until the port
+is opened, says nothing first, reads no commands, and works in a loop: a frame, its line, the next
+frame.
 """
 
 import asyncio
@@ -11,35 +11,48 @@ from collections.abc import Callable
 
 import numpy as np
 
+from eitskin.data import board
+from eitskin.data.board import CONVERSION
 from rigsim.log import EventLog
 from rigsim.ptys import Host, SerialPort
-from rigsim.world import N_ELECTRODES, Press, World
-
-STEP_V = 2.2 / 1024  # of the board's 10-bit converter with 2.2 V
-MAX_V = 1.1  # RMS, half of the converter's range
+from rigsim.world import Press, World
 
 
-def quantised(reading_V: np.ndarray) -> np.ndarray:
-    """RMS values (M,) V rounded and clipped as by the converter."""
-    return np.clip(np.round(reading_V / STEP_V) * STEP_V, 0.0, MAX_V)
+def values(readings: np.ndarray, eit_board: board.Board) -> np.ndarray:
+    """(P,) numbers to print: readings (M,) as the converter has them, 0 where none is measured."""
+    description = eit_board.description
+    numbers = np.zeros(len(eit_board.printed))
+    numbers[eit_board.is_recorded] = readings / description.get("factor", 1.0)
+    if eit_board.voltage != board.SIGNED:
+        numbers = np.abs(numbers)
+    if "step" in description:
+        numbers = np.round(numbers / description["step"]) * description["step"]
+    return np.clip(numbers, *description["range"])
 
 
-def values(reading_V: np.ndarray, channels: np.ndarray) -> np.ndarray:
-    """(256,) V, drive-major: the readings (208,) and 0 where a pair touches a driven electrode."""
-    line = np.zeros(N_ELECTRODES**2)
-    line[N_ELECTRODES * channels[:, 0] + channels[:, 2]] = quantised(reading_V)
-    return line
-
-
-def text(line_V: np.ndarray) -> bytes:
-    """One line as the firmware prints it."""
-    return "".join(f"{value:.4f}, " for value in line_V).encode() + b"\n"
+def text(numbers: np.ndarray, eit_board: board.Board) -> bytes:
+    """One line as the firmware prints it; 0 for every number that is no reading."""
+    grammar = eit_board.description["line"]
+    begin, end = (
+        CONVERSION.sub(lambda match: match[0] % 0, grammar.get(key, "")) for key in ("begin", "end")
+    )
+    printed = grammar["between"].join(grammar["number"] % number for number in numbers)
+    return f"{begin}{printed}{end}".encode()
 
 
 class Board:
     """The board's loop. Faults set `corrupt`, from (values, line) to the bytes sent."""
 
-    def __init__(self, config: dict, world: World, speedup: float, log: EventLog, start: float):
+    def __init__(
+        self,
+        config: dict,
+        eit_board: board.Board,
+        world: World,
+        speedup: float,
+        log: EventLog,
+        start: float,
+    ):
+        self.eit_board = eit_board
         self.port = SerialPort(config["link"])
         self.host = Host("board", self.port, config["baud"], log)
         self.frame_s, self.period_s = config["frame_s"] / speedup, config["period_s"] / speedup
@@ -69,17 +82,18 @@ class Board:
             clean = await loop.run_in_executor(
                 None, self.world.voltages, start_s, ended - began, press
             )
-            line_V = values(self.world.readings(clean), self.world.channels)
-            await self._send(line_V, began, ended, press)
+            numbers = values(self.world.readings(clean), self.eit_board)
+            await self._send(numbers, began, ended, press)
             await asyncio.sleep(max(began + self.period_s - time.monotonic(), 0.0))
 
     async def _send(
-        self, line_V: np.ndarray, began: float, ended: float, press: Press | None
+        self, numbers: np.ndarray, began: float, ended: float, press: Press | None
     ) -> None:
         if not self.port.open_by_host():
             return
         self.frames += 1
-        data = self.corrupt(line_V, text(line_V))
+        line = text(numbers, self.eit_board)
+        data = self.corrupt(numbers, line)
         force = 0.0 if press is None else float(press.at(np.array([ended - self.start]))[0])
         unread = self.host.unread()
         sent = await self.port.send(data, self.host.patience_s)
@@ -89,7 +103,7 @@ class Board:
             began=round(began, 6),
             ended=round(ended, 6),
             force_N=round(force, 5),
-            as_read=data == text(line_V),
+            as_read=data == line,
             sent=sent,
             lost=len(data) - sent,
             unread=unread,

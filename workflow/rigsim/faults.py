@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from eitskin.errors import InputError
-from rigsim.eit import MAX_V, Board, text
+from rigsim.eit import Board, text
 from rigsim.load import KG, LBS, LoadCell, OpenScale
 from rigsim.log import EventLog
 from rigsim.robot import Controller
 from rigsim.ur import RtdeServer
-from rigsim.world import N_ELECTRODES, World
+from rigsim.world import World
 
 DRIVEN_V = 0.0215  # of a pair with a driven electrode: ten steps of the converter
 SPIKE_N, OFFSET_N, DRIFT_N_PER_S = 30.0, 2.0, 1.0  # far above noise, unless the fault gives a size
@@ -120,10 +120,10 @@ class Faults:
         self.board.corrupt = corrupt
 
     def _short(self, values: np.ndarray, line: bytes) -> bytes:
-        return text(values[: int(self.rng.integers(1, len(values)))])
+        return self._text(values[: int(self.rng.integers(1, len(values)))])
 
     def _long(self, values: np.ndarray, line: bytes) -> bytes:
-        return text(np.concatenate([values, np.resize(values, LONG_VALUES)]))
+        return self._text(np.concatenate([values, np.resize(values, LONG_VALUES)]))
 
     def _joined(self, values: np.ndarray, line: bytes) -> bytes:
         return line[:-1] + line
@@ -137,12 +137,14 @@ class Faults:
         return line + line
 
     def _driven(self, values: np.ndarray, line: bytes) -> bytes:
-        spoilt = values.copy()
-        spoilt[:: N_ELECTRODES + 1] = DRIVEN_V
-        return text(spoilt)
+        return self._text(np.where(self.board.eit_board.is_recorded, values, DRIVEN_V))
 
     def _saturated(self, values: np.ndarray, line: bytes) -> bytes:
-        return text(np.where(values >= np.quantile(values, 0.9), MAX_V, values))
+        largest = self.board.eit_board.description["range"][1]
+        return self._text(np.where(values >= np.quantile(values, 0.9), largest, values))
+
+    def _text(self, values: np.ndarray) -> bytes:
+        return text(values, self.board.eit_board)
 
     def _print(self, corrupt: Callable[[np.ndarray, bytes], bytes]) -> Callable[[], None]:
         self.board.corrupt = corrupt

@@ -9,6 +9,7 @@ import time
 
 import numpy as np
 
+from eitskin.data import board
 from eitskin.errors import InputError
 from rigsim.config import read_fault
 from rigsim.eit import Board
@@ -27,6 +28,7 @@ from rigsim.ur import (
 from rigsim.world import DRAG_MM, World
 
 RULES_BROKEN = 3  # exit code
+PROFILE = "circular-16"  # the board where none is named
 
 
 class Rig:
@@ -36,12 +38,13 @@ class Rig:
         self.config = config
         self.log = EventLog(config["log"])
         self.start = time.monotonic()
-        self.world = World(config["world"], config["seed"])
+        eit_board = board.read(config["board"].get("profile", PROFILE), "rigsim", "board.profile")
+        self.world = World(config["world"], eit_board.channels, config["seed"])
         speedup, rules = config["speedup"], config["rules"]
         pose = config["robot"]["pose"]
         self.robot = Controller(config["series"], pose, speedup, rules, self.log)
         self.robot.force_entry = self.world.force_entry
-        self.board = Board(config["board"], self.world, speedup, self.log, self.start)
+        self.board = Board(config["board"], eit_board, self.world, speedup, self.log, self.start)
         cell = config["load_cell"]
         self.cell = PROFILES[cell["profile"]](cell, self.world, speedup, self.log, config["seed"])
         self.rtde = RtdeServer(self.robot, self.log)

@@ -14,12 +14,10 @@ import pandas as pd
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
 from eitskin.physics.force_history import ForceHistory
-from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
 from eitskin.physics.solver import SolvedSkins
 from eitskin.simulate.readings import read, sense, stage_settings
 
-N_ELECTRODES = 16
 WAVES = 8  # random ones, whose sum varies the stiffness over the skin
 TOOL_DOWN_RAD = 0.05  # tolerated lean of the tool, 3 degrees
 DRAG_MM = 0.5  # tolerated sideways motion in a press
@@ -44,20 +42,24 @@ class Press:
 
 
 class World:
-    """The skin in the robot's base frame, with its presses.
+    """The skin in the robot's base frame, with its presses, read by channels (M, 4).
 
     Times are s from the world's beginning; a pose is a TCP pose (6,), m and rotation vector, the
     probe's tip at its origin. With an effect on the reported force, force_N is that on the load
     cell, and the skin has the force after the effect.
     """
 
-    def __init__(self, config: dict, seed: int):
+    def __init__(self, config: dict, channels: np.ndarray, seed: int):
         self.skin = Skin.from_metadata(config["skin"], "world")
         radius_mm, current_A = self.skin.radius_mm, self.skin.current_A
         if radius_mm is None or current_A is None:
             raise InputError("world", "skin", "no radius or no current", "every key given")
         self.radius_mm, self.current_A = radius_mm, current_A
-        self.channels = channel_table(N_ELECTRODES)
+        self.channels = channels
+        _, first_channel, drive = np.unique(
+            channels[:, :2], axis=0, return_index=True, return_inverse=True
+        )
+        self._drive = first_channel.argsort().argsort()[drive]  # (M,): in the order of driving
         self.effects = settings(config["effects"], site_counts(self.channels), (seed, 0))
         if stage_settings(self.effects, "clock"):
             effect_name = stage_settings(self.effects, "clock")[0].effect.name
@@ -161,7 +163,8 @@ class World:
         another, each at the true force of its time."""
         moments = np.array([start])
         if press is not None:
-            drives = start + frame_s * np.arange(N_ELECTRODES) / N_ELECTRODES
+            n_drives = self._drive.max() + 1
+            drives = start + frame_s * np.arange(n_drives) / n_drives
             if np.ptp(press.at(drives)) > 0.0:
                 moments = drives
         force = np.zeros(len(moments)) if press is None else press.at(moments)
@@ -198,9 +201,9 @@ class World:
             self._untouched = voltage[0]
         if len(moments) == 1:
             return voltage[0]
-        return voltage[self.channels[:, 0], np.arange(len(self.channels))]
+        return voltage[self._drive, np.arange(len(self.channels))]
 
     def readings(self, voltage: np.ndarray) -> np.ndarray:
-        """Magnitudes (M,) V of noise-free readings (M,) V, with noise."""
+        """Noise-free readings (M,) V with noise."""
         scale = self.noise * np.median(np.abs(voltage))
-        return np.abs(voltage + scale * self._readings_rng.standard_normal(len(voltage)))
+        return voltage + scale * self._readings_rng.standard_normal(len(voltage))

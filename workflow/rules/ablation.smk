@@ -74,6 +74,7 @@ use rule train_predictor as ablation_predictor with:
 
 
 rule ablation_choice:
+    """The setting of a model with the least validation error."""
     input:
         lambda wildcards: expand(
             f"{ABLATION}/{{setting}}/{{model}}.csv", setting=GRIDS[wildcards.size], **wildcards
@@ -108,6 +109,7 @@ rule ablation_choice:
 
 
 rule ablation_tuned:
+    """A network of a model at its chosen setting."""
     input:
         dataset="results/datasets/{dataset}.parquet",
         split="results/splits/{dataset}/{split}.parquet",
@@ -139,6 +141,7 @@ rule ablation_tuned:
 
 
 rule ablation_errors:
+    """Test errors of a model at one setting."""
     input:
         dataset="results/datasets/{dataset}.parquet",
         split="results/splits/{dataset}/{split}.parquet",
@@ -167,6 +170,7 @@ rule ablation_errors:
 
 
 rule ablation:
+    """Table of what the choices in training are worth."""
     input:
         varied=[
             f"{ABLATION}/{{setting}}/{ablation.INFORMED}.csv".format(
@@ -220,6 +224,7 @@ rule ablation:
 
 
 rule tuning:
+    """Table of validation errors at every point of the grid."""
     input:
         [
             f"{ABLATION}/{{setting}}/{{model}}.csv".format(**one, budget=config["budget"])

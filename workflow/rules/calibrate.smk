@@ -4,6 +4,7 @@ from proof.blocks import FIRST_SEED, batches, sort_of, tables
 # No fingerprint: hours of work are made anew on request alone, `--forcerun trials`; the summary says
 # how many rows are of other code.
 rule trials:
+    """Diagnoses of recordings whose truth is known, a batch."""
     output:
         "results/calibration/{block}/batches/{size}-{batch}.csv",
     log:
@@ -29,6 +30,7 @@ rule trials:
 
 
 rule score_trials:
+    """Score of the diagnosis on a block of trials."""
     input:
         expand(
             "results/calibration/{block}/batches/{size}-{batch}.csv",
@@ -71,6 +73,7 @@ CALIBRATION_FIGURES = {
 
 
 rule calibration_figures:
+    """Figures of the diagnosis's calibration."""
     input:
         expand(
             "results/calibration/{block}/{file}.csv",
@@ -111,6 +114,7 @@ rule calibration_figures:
 
 
 rule calibrate_diagnosis:
+    """Trials of a block, their score and figures: hours."""
     input:
         rules.score_trials.output,
         rules.calibration_figures.output

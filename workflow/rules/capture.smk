@@ -11,12 +11,14 @@ if "rig" in config:
     if RIG["name"] in config["recordings"]:
 
         rule capture:
+            """Recording captured by the attached rig: the robot moves."""
             input:
                 CAPTURED,
 
     else:
 
         rule capture:
+            """Recording captured by the attached rig: the robot moves."""
             output:
                 recording=protected(CAPTURED[0]),
                 manifest=protected(CAPTURED[1]),

@@ -7,6 +7,7 @@ include: "concealed_plan.smk"
 for block, number, cases in numbered(UNSEALED):
 
     rule:
+        """Recordings with concealed effects, a batch."""
         name:
             f"conceal_{block}_{number}"
         output:
@@ -43,6 +44,7 @@ for block, number, cases in numbered(UNSEALED):
             "../scripts/conceal.py"
 
     rule:
+        """Verdicts on concealed recordings, a batch."""
         name:
             f"verdicts_{block}_{number}"
         input:
@@ -74,6 +76,7 @@ for block, number, cases in numbered(UNSEALED):
             "../scripts/verdicts.py"
 
     rule:
+        """What other methods make of concealed recordings, a batch."""
         name:
             f"baselines_{block}_{number}"
         input:
@@ -107,6 +110,7 @@ for block, number, cases in numbered(UNSEALED):
 for block, number, cases in numbered(UNFITTED):
 
     rule:
+        """Fits of what was concealed, a batch."""
         name:
             f"oracle_{block}_{number}"
         input:
@@ -138,6 +142,7 @@ for block, number, cases in numbered(UNFITTED):
 
 
 rule commit_truths:
+    """Commitments to the recordings and truths of a block."""
     input:
         lambda wildcards: expand(
             "results/concealed/{block}/batches/{number:03d}.json",
@@ -171,6 +176,7 @@ rule commit_truths:
 
 
 rule seal_verdicts:
+    """Seal over the verdicts of a block."""
     input:
         of_every_case(*COMMITTED, *SEALED),
         commitments="results/concealed/{block}/commitments.json",
@@ -199,6 +205,7 @@ rule seal_verdicts:
 
 
 rule open_truths:
+    """Truths of a block, opened against the seal."""
     input:
         of_every_case(*COMMITTED, *SEALED),
         seal="results/concealed/{block}/seal.json",
@@ -239,6 +246,7 @@ SCORE_FIGURES = {
 
 
 rule concealed_score:
+    """Score of an opened block."""
     input:
         of_every_case(*JUDGED),
         opened="results/concealed/{block}/opened",
@@ -278,6 +286,7 @@ rule concealed_score:
 
 
 rule concealed_figures:
+    """Figures of a block's score."""
     input:
         expand("results/concealed/{{block}}/score/{name}.csv", name=SCORE_FIGURES),
     output:
@@ -313,6 +322,7 @@ rule concealed_figures:
 
 
 rule concealed_case:
+    """Page of one concealed case, its truth beside the verdict."""
     input:
         schema=ancient(local(SCHEMA)),
         score=f"results/concealed/{DEMO}/score/score.csv",
@@ -359,11 +369,13 @@ SCORED = [
 
 
 rule concealed:
+    """Scores and figures of all blocks of concealed cases in use."""
     input:
         expand(SCORED, block=CONCEALED["block"]),
 
 
 rule concealed_demo:
+    """Score and one case of the block that demonstrates."""
     input:
         expand(SCORED, block=DEMO),
         rules.concealed_case.output,

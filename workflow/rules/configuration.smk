@@ -1,9 +1,15 @@
 # What is configured, refused in one line where it is wrong, before any rule is read.
 from pathlib import Path
 
+from snakemake.exceptions import WorkflowError
 from snakemake.utils import update_config
 
-from eitskin.errors import reported
+try:
+    from eitskin.errors import reported
+except ModuleNotFoundError:
+    raise WorkflowError(
+        "eitskin is not in Snakemake's Python: pip install CLONE[workflow]"
+    ) from None
 
 # Whoever adds an effect or a format may leave it broken: read with them, it is told in one line.
 with reported("logs/configuration.log"):

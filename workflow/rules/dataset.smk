@@ -1,4 +1,5 @@
 rule record_dataset:
+    """Data set of a recording: touches less untouched frames."""
     input:
         recording=rules.import_recording.output[0],
         check=rules.check.output[0],
@@ -25,6 +26,7 @@ rule record_dataset:
 
 
 rule split:
+    """Parts of a data set to train, validate and test."""
     input:
         "results/datasets/{dataset}.parquet",
     output:

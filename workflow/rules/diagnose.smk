@@ -25,6 +25,7 @@ WITHOUT_QUERY = [name for name, item in config["recordings"].items() if "query" 
 
 
 rule diagnose:
+    """Diagnosis of a recording: where simulation and recording differ, and why."""
     input:
         schema=ancient(local(SCHEMA)),
         recording=rules.import_recording.output[0],
@@ -79,6 +80,7 @@ use rule diagnose as diagnose_with_query with:
 
 
 rule diagnosis_report:
+    """Report of a diagnosis, one page."""
     input:
         schema=ancient(local(SCHEMA)),
         recording=rules.import_recording.output[0],
@@ -132,6 +134,7 @@ rule diagnosis_report:
 
 
 rule compare:
+    """Comparison of two recordings: what changed."""
     input:
         a="results/recordings/{a}.parquet",
         b="results/recordings/{b}.parquet",
@@ -161,6 +164,7 @@ rule compare:
 
 
 rule comparison_page:
+    """Report of a comparison, one page."""
     input:
         rules.compare.output[0],
     output:

@@ -4,6 +4,7 @@ PRINTED_1 = own("workflow/eitskin/paper/printed_table_1.csv")
 
 
 rule evaluate:
+    """Test errors of a model, all seeds and their mean."""
     input:
         dataset="results/datasets/{dataset}.parquet",
         split="results/splits/{dataset}/{split}.parquet",
@@ -32,6 +33,7 @@ rule evaluate:
 
 
 rule predict:
+    """Estimates of a model for another recording."""
     input:
         models=of_all_seeds(f"{MODELS}/{{model}}/{{seed}}.pt"),
         recording="results/recordings/{recording}.parquet",
@@ -56,6 +58,7 @@ rule predict:
 
 
 rule export:
+    """Model as one file that needs no torch, for `eitskin stream`."""
     input:
         dataset="results/datasets/{dataset}.parquet",
         split="results/splits/{dataset}/{split}.parquet",
@@ -87,6 +90,7 @@ rule export:
 
 
 rule table_1:
+    """Table I of the paper."""
     input:
         paper=ancient(local(PRINTED_1)),
         metrics=[

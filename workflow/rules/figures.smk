@@ -6,6 +6,7 @@ RULES = sorted(map(str, Path(own("workflow/rules")).glob("*.smk")))
 
 
 rule table_2:
+    """Table II of the paper: untouched frames, simulated and recorded."""
     input:
         paper=ancient(local(PRINTED_2)),
         mesh=rules.mesh.output.mesh,
@@ -64,6 +65,7 @@ SHOWN_MODELS = [
 
 
 rule figure_1:
+    """Figure 1 of the paper: a frame and the images of a press."""
     input:
         f"results/recordings/{config['figures']['recording']}.parquet",
     output:
@@ -95,6 +97,7 @@ rule figure_1:
 
 
 rule figure_2:
+    """Figure 2 of the paper: the workflow."""
     input:
         snakefile=ancient(local(SNAKEFILE)),
         rules=ancient(local(RULES)),
@@ -135,6 +138,7 @@ rule figure_2:
 
 
 rule figure_3:
+    """Figure 3 of the paper: correlations of voltages and states."""
     input:
         recorded=f"results/datasets/{config['figures']['recording']}.parquet",
         simulated=f"results/datasets/{SHOWN_SET}.parquet",
@@ -166,6 +170,7 @@ rule figure_3:
 
 
 rule figure_4:
+    """Figure 4 of the paper: predicted forces of the worst and the best model."""
     input:
         dataset=f"results/datasets/{SHOWN_SET}.parquet",
         metrics=expand(f"results/metrics/{SHOWN_TEST}/{{model}}.csv", model=SHOWN_MODELS),

@@ -8,6 +8,7 @@ CONTINUOUS_SETS = [
 
 
 rule limit:
+    """Errors of touches estimated as well as physics allows."""
     input:
         dataset="results/datasets/simulated-{configuration}.parquet",
         split="results/splits/simulated-{configuration}/continuous.parquet",
@@ -45,6 +46,7 @@ rule limit:
 
 
 rule ratios:
+    """Errors of models over what physics allows."""
     input:
         samples=rules.limit.output.samples,
         predictions=lambda wildcards: [
@@ -82,6 +84,7 @@ rule ratios:
 
 
 rule cramer_rao:
+    """Cramér-Rao bounds over the skin."""
     input:
         dataset="results/datasets/simulated-{configuration}.parquet",
         touch_grid=rules.mesh.output.touch_grid,

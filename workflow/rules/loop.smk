@@ -9,6 +9,7 @@ CATALOGUE_AND_AUTHORS = sorted({*CATALOGUE, *modules(names_of(effects_of("author
 
 
 rule loop_case:
+    """Recording of a skin whose owner does not know all."""
     output:
         recording=f"{LOOP}/recording.parquet",
         target=f"{LOOP}/target.parquet",
@@ -39,6 +40,7 @@ rule loop_case:
 
 
 rule loop_labelled:
+    """Recording with 5 % of a case's labels."""
     input:
         recording="results/recordings/{case}.parquet",
         target="results/datasets/{case}.parquet",
@@ -90,6 +92,7 @@ use rule diagnose as diagnose_loop with:
 
 
 rule loop_errors:
+    """Test errors of a model trained on one source for a case."""
     input:
         recording=f"{LOOP}/recording.parquet",
         target=f"{LOOP}/target.parquet",
@@ -142,6 +145,7 @@ LOOP_RUNS = [
 
 
 rule loop_table:
+    """Table of what a diagnosis is worth to an estimator."""
     input:
         errors=[
             f"{LOOP}/errors/{{model}}/{{source}}/{{seed}}.csv".format(**run) for run in LOOP_RUNS
@@ -182,6 +186,7 @@ rule loop_table:
 
 
 rule loop_figure:
+    """Figure of what a diagnosis is worth to a model."""
     input:
         rules.loop_table.output.csv,
     output:
@@ -214,6 +219,7 @@ rule loop_figure:
 
 
 rule loop:
+    """Table and figures of what a diagnosis is worth."""
     input:
         rules.loop_table.output,
         expand(

@@ -12,5 +12,6 @@ PAPER = {
 
 
 rule paper:
+    """Every table and figure of the paper."""
     input:
         list(PAPER.values()),

@@ -2,6 +2,7 @@ from eitskin.simulate.chain import instrument_effects, last_link, link_before, s
 
 
 rule skin_effects:
+    """Simulated sessions, a new skin for each."""
     input:
         mesh=rules.mesh.output.mesh,
         touch_grid=rules.mesh.output.touch_grid,
@@ -37,6 +38,7 @@ rule skin_effects:
 
 
 rule perturb:
+    """Simulated readings after one more effect of the instrument."""
     input:
         lambda wildcards: "results/simulated/{configuration}/{link}.parquet".format(
             configuration=wildcards.configuration,
@@ -72,6 +74,7 @@ rule perturb:
 
 
 rule simulated_dataset:
+    """Data set of a configuration: noise added, untouched frames subtracted."""
     input:
         lambda wildcards: "results/simulated/{configuration}/{link}.parquet".format(
             configuration=wildcards.configuration,

@@ -1,4 +1,5 @@
 rule held_out_pairs:
+    """Geometries of a tank judged on reciprocal pairs left out."""
     input:
         rules.import_recording.output[0],
     output:
@@ -24,6 +25,7 @@ rule held_out_pairs:
 
 
 rule tanks:
+    """Table of what geometry explains of tanks."""
     input:
         expand("results/diagnosis/{recording}/held_out_pairs.csv", recording=config["tanks"]),
     output:
@@ -48,6 +50,7 @@ rule tanks:
 
 
 rule diagnosed:
+    """Table of what the diagnosis says of recordings."""
     input:
         diagnoses=expand(
             "results/diagnosis/{recording}/diagnosis.json", recording=config["diagnoses"]

@@ -11,6 +11,7 @@ READ_FROM = {
 
 
 rule twin:
+    """Recording of a simulated twin of a real skin."""
     output:
         "results/twin/simulated-twin.parquet",
     log:
@@ -35,6 +36,7 @@ rule twin:
 
 
 rule import_recording:
+    """Recording in the project's format, from any other."""
     input:
         lambda wildcards: list(map(str, importers.files(*READ_FROM[wildcards.recording]))),
     output:
@@ -70,6 +72,7 @@ rule import_recording:
 
 
 rule check:
+    """What a recording holds and what it cannot tell."""
     input:
         rules.import_recording.output,
     output:

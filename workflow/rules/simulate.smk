@@ -1,4 +1,5 @@
 rule mesh:
+    """Electrodes, places and forces of the simulated skin."""
     output:
         mesh="results/mesh/mesh.npz",
         touch_grid="results/mesh/touch_grid.csv",
@@ -29,6 +30,7 @@ rule mesh:
 
 
 rule clean:
+    """Readings of every place and force on the ideal skin."""
     input:
         mesh=rules.mesh.output.mesh,
         touch_grid=rules.mesh.output.touch_grid,

@@ -2,6 +2,7 @@ include: "training_plan.smk"
 
 
 rule train_autoencoder:
+    """Autoencoder: the manifold of the voltages."""
     input:
         dataset="results/datasets/{dataset}.parquet",
         split="results/splits/{dataset}/{split}.parquet",
@@ -33,6 +34,7 @@ rule train_autoencoder:
 
 
 rule train_regressor:
+    """Regressor from a state to latent voltages."""
     input:
         dataset="results/datasets/{dataset}.parquet",
         split="results/splits/{dataset}/{split}.parquet",
@@ -64,6 +66,7 @@ rule train_regressor:
 
 
 rule train_predictor:
+    """Network from voltages to a state, one seed."""
     input:
         dataset="results/datasets/{dataset}.parquet",
         split="results/splits/{dataset}/{split}.parquet",

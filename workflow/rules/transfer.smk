@@ -2,6 +2,7 @@ TRANSFER = "results/transfer/{budget}/{model}"
 
 
 rule transfer_source:
+    """Errors on a recording of a model trained on a simulation."""
     input:
         source="results/datasets/{source}.parquet",
         source_split="results/splits/{source}/random.parquet",
@@ -33,6 +34,7 @@ rule transfer_source:
 
 
 rule transfer_references:
+    """Errors of a model trained on 5 % of a recording's labels."""
     input:
         dataset="results/datasets/{recording}.parquet",
         split="results/splits/{recording}/place.parquet",
@@ -62,6 +64,7 @@ rule transfer_references:
 
 
 rule transfer:
+    """Table of what models of simulations are worth on recordings."""
     input:
         expand(
             f"{TRANSFER}/{{source}}/{{recording}}.csv",

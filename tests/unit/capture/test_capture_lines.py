@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eitskin.capture.wire import Reject
+from eitskin.data.board import Reject
 
 serial = pytest.importorskip("serial", reason="pyserial is not installed: extra `rig`")
 
@@ -19,8 +19,10 @@ from eitskin.capture.lines import LONGEST_LINE, Line, Port, Splitter, is_frame_a
 PERIOD_S = 0.35
 
 
-def number(line: bytes) -> float | Reject:
-    """A parser for these tests: whole numbers are readings."""
+def number(line: bytes) -> float | Reject | None:
+    """A parser for these tests: whole numbers are readings, what begins with # is a remark."""
+    if line.startswith(b"#"):
+        return None
     return int(line) if line.strip().isdigit() else Reject("form", repr(line))
 
 
@@ -49,6 +51,12 @@ def test_joined_lines_come_apart_with_one_time():
     assert [line.value for line in lines] == [1, 2, 3]
     assert [line.end_s for line in lines] == [5.0] * 3
     assert [line.previous_end_s for line in lines] == [0.0, 5.0, 5.0]
+
+
+def test_a_remark_is_no_line_and_a_frame_behind_it_began_behind_the_one_before():
+    early, later = fed((b"\n1\n", 1.0), (b"# gain 3\n", 2.0), (b"2\n", 3.0))
+    assert (early.number, later.number) == (1, 2)
+    assert (later.previous_end_s, later.previous_ok) == (1.0, True)
 
 
 def test_a_rejected_line_is_counted_and_kept():

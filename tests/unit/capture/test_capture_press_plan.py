@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from eitskin.capture import configuration
 from eitskin.capture.press_plan import contacts, plan_sha256
+from eitskin.data import board
 from eitskin.errors import InputError
 
 PAPER = Path(__file__).parents[3] / "workflow" / "config" / "rig.yaml"
@@ -69,6 +70,22 @@ def test_the_fingerprint_follows_what_decides_the_samples():
     )
     assert plan_sha256(changed_rig("skin", "id", value="gelatin-2")) != original_sha256
     assert plan_sha256(changed_rig("emulated", value=True)) != original_sha256
+
+
+def test_another_line_of_a_board_s_file_is_another_plan_its_timing_is_not(tmp_path):
+    text = (board.FOLDER / "circular-16.yaml").read_text(encoding="utf-8")
+    shas = []
+    for old, new in (("0.742", "0.742"), ("0.742", "0.7"), ("frame_s: 0.3", "frame_s: 0.2")):
+        path = tmp_path / "mine.yaml"
+        path.write_text(text.replace(old, new), encoding="utf-8")
+        shas.append(plan_sha256(changed_rig("board", "profile", value=str(path))))
+    assert shas[0] == shas[2] != shas[1]
+    assert plan_sha256(RIG) not in shas
+
+
+def test_a_board_s_file_that_is_missing_is_one_message(tmp_path):
+    with pytest.raises(InputError, match=r"gone.yaml: file: found No such file"):
+        configuration.validate(changed_rig("board", "profile", value="gone.yaml"), "rig.yaml")
 
 
 def test_the_papers_rig_is_accepted():

@@ -11,8 +11,7 @@ import yaml
 
 from eitskin.capture import journal, record
 from eitskin.capture.press_plan import contacts, plan_sha256
-from eitskin.capture.wire import RMS_STEP_V, measured_mask
-from eitskin.data import check, recording
+from eitskin.data import board, check, recording
 from eitskin.errors import InputError
 
 PAPER = Path(__file__).parents[3] / "workflow" / "config" / "rig.yaml"
@@ -23,6 +22,8 @@ ZERO_N = 0.02
 
 class Rig:
     """Writes the records of a capture; a clock that goes on, frames that are told apart."""
+
+    frame_s = 0.3  # circular-16's
 
     def __init__(self, emulated: bool = False):
         self.config = copy.deepcopy(RIG) | {"emulated": emulated}
@@ -41,21 +42,21 @@ class Rig:
         robot = {"serial": "20201234", "emulated": self.config["emulated"]}
         clocks = {"monotonic_s": self.now_s, "utc": utc}
         may_change = {key: copy.deepcopy(self.config[key]) for key in ("board", "session")}
+        may_change["board"]["frame_s"] = self.frame_s
         self.add("run", run=self.run, robot=robot, **may_change, **clocks)
 
     def frame(self, attempt_key: dict, phase: str, depth_mm: float | None, force_N: float) -> None:
         self.now_s += 1.0
         contact = self.planned[attempt_key["contact"]]
         centre = self.config["pose"]["centre"]
-        steps = np.where(measured_mask(16), self.draw.integers(30, 40, (16, 16)), 0)
-        raw = b"".join(b"%.4f, " % (step * RMS_STEP_V) for step in steps.ravel()) + b"\n"
+        raw = self.line(self.draw.integers(30, 40, 256))
         pose = [centre[0] + 1e-3 * contact.x_mm, centre[1] + 1e-3 * contact.y_mm, -0.1, 0, 3.1, 0]
         self.add(
             "frame",
             **attempt_key,
             phase=phase,
             depth_mm=depth_mm,
-            raw=raw.decode(),
+            raw=raw,
             before_s=self.now_s - 0.35,
             end_s=self.now_s,
             end_utc="2026-03-01T10:00:00+00:00",
@@ -67,6 +68,11 @@ class Rig:
             robot_end_s=self.now_s,
             saturated=0,
         )
+
+    def line(self, steps: np.ndarray) -> str:
+        """A frame as circular-16 prints it."""
+        steps = np.where(board.read("circular-16").is_recorded, steps, 0)
+        return "".join(f"{step * 2.2 / 1024:.4f}, " for step in steps) + "\n"
 
     def contact(self, number: int, attempt: int = 0, broken: bool = False) -> None:
         attempt_key = {"contact": number, "attempt": attempt, "run": self.run}
@@ -129,6 +135,56 @@ def test_the_voltages_are_the_raw_lines(finished):
     values = [float(value) for value in raw.split(",")[:-1]]
     channels = recorded.channels
     assert recorded.voltage[0].tolist() == [values[16 * s + p] for s, _, p, _ in channels]
+
+
+BENCH = {  # 208 signed ohms a line, numbered
+    "electrodes": 16,
+    "drive": "adjacent",
+    "measurement": "adjacent",
+    "order": "drive-plus-ascending-own",
+    "line": {"begin": "%d>", "number": "%+.3f", "between": " ", "end": "\r\n"},
+    "unit": "ohm",
+    "voltage": "signed",
+    "range": [-10.0, 10.0],
+    "ceiling": 9.0,
+    "baud": 9600,
+    "period_s": 0.5,
+    "frame_s": 0.5,
+}
+
+
+class BenchRig(Rig):
+    """A rig with a board of one's own, whose file may be gone by now."""
+
+    frame_s = BENCH["frame_s"]
+
+    def __init__(self):
+        super().__init__()
+        self.config["board"] = {"port": "/dev/ttyACM1", "profile": "gone.yaml"}
+        self.records[0]["board"] = BENCH
+
+    def line(self, steps: np.ndarray) -> str:
+        return "7>" + " ".join(f"{0.1 * step - 3.5:+.3f}" for step in steps[:208]) + "\r\n"
+
+
+def test_a_board_s_description_in_the_journal_reads_its_lines(tmp_path):
+    rig = BenchRig()
+    rig.begin_run()
+    for number in range(4):
+        rig.contact(number)
+    record.write(rig.journal(tmp_path / "j.jsonl"), tmp_path / "r.parquet", tmp_path / "m.json")
+    recorded = recording.read(tmp_path / "r.parquet")
+    described_board = board.described("bench", BENCH, "bench.yaml")
+    assert recorded.metadata["channels"] == described_board.channels.tolist()
+    assert recorded.channels[:2].tolist() == [[0, 1, 2, 3], [0, 1, 3, 4]]
+    assert recorded.channels[13].tolist() == [1, 2, 3, 4]
+    assert (recorded.metadata["voltage"], recorded.metadata["unit"]) == ("signed", "ohm")
+    raw = next(r["raw"] for r in rig.records if r["kind"] == "frame")
+    expected = [float(value) for value in raw.removeprefix("7>").split()]
+    assert recorded.voltage[0].tolist() == expected
+    manifest = json.loads((tmp_path / "m.json").read_text(encoding="utf-8"))
+    assert manifest["board"] == BENCH
+    assert manifest["readings"] == "amplitudes in ohm; so is the skin's current, in A"
 
 
 def test_time_goes_on_over_a_restart_of_the_host(finished):

@@ -12,7 +12,7 @@ import scipy.io
 from eitskin.data import check, importers, recording
 from eitskin.data.alignment import homogeneous_readings
 from eitskin.data.check import sentences
-from eitskin.data.importers import lct_tank, logger_csv, pyeidors_tank
+from eitskin.data.importers import lct_tank, pyeidors_tank
 from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table
 from eitskin.pins import ROOT
@@ -535,15 +535,6 @@ def test_the_tanks_in_each_others_order_break_reciprocity(name, module):
         assert 0.6 < order[0].value < 1.1
         assert [finding.severity for finding in order] == [check.ERROR]
         assert "wrong channel order" in order[0].sentence
-
-
-def test_no_driven_reading_is_called_live_by_the_loggers_rule():
-    channels = channel_table(16)
-    live = logger_csv.N_ELECTRODES * channels[:, 0] + channels[:, 2]
-    assert len(set(live)) == 208
-    assert all(
-        (index % 16 - index // 16) % 16 in {15, 0, 1} for index in set(range(256)) - set(live)
-    )
 
 
 def test_what_is_read_is_told_before_it_is_read(tmp_path):

@@ -262,6 +262,10 @@ GAIN = {"name": "channel-gain", "parameters": {"gain": 1.1}, "channels": [900]}
             "configurations.text.effects[2]: found 0, expected more than 0 for elec",
         ),
         (
+            ("budgets", "first", "samples", 5),
+            "budgets.first.samples: found 5, expected 6 or more",
+        ),
+        (
             ("configurations", "text", "continuous_samples", 600),
             "configurations.text.continuous_samples: found 600, expected 601 or more: three",
         ),
@@ -294,6 +298,21 @@ GAIN = {"name": "channel-gain", "parameters": {"gain": 1.1}, "channels": [900]}
 )
 def test_what_physics_cannot_do_is_refused_before_any_work(refusal, place_and_value, message):
     assert refusal(changed(*place_and_value)).startswith(f"config.yaml: {message}")
+
+
+@pytest.mark.parametrize(
+    ("crossed", "session_frames", "sessions"), [(False, 30_000, 2), (True, 25_000, 2)]
+)
+def test_too_few_sessions_to_split_are_refused_before_any_work(
+    refusal, crossed, session_frames, sessions
+):
+    config = changed("configurations", "authors", "session_frames", session_frames)
+    validate(config, SCHEMA, [ROOT / "config.yaml"])
+    config["configurations"]["authors"]["crossed"] = crossed
+    config["table_1"]["configurations"]["authors"] = ["random", "session"]
+    expected = f"{session_frames}: {sessions} sessions of 49920 samples, expected fewer frames"
+    place = "config.yaml: configurations.authors.session_frames: found"
+    assert refusal(config).startswith(f"{place} {expected}")
 
 
 def test_wires_of_points_may_be_swapped():

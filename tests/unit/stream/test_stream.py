@@ -17,6 +17,7 @@ import pytest
 
 import streamed_skin as skin
 from eitskin import cli
+from eitskin.data import board as eit_board
 from eitskin.data import recording
 from eitskin.errors import InputError
 from eitskin.exported import file
@@ -257,13 +258,30 @@ def test_a_board_s_model_of_other_channels_names_its_file(folder, capsys):
     assert capsys.readouterr().err.startswith("signed.npz: voltage: found signed V of streamed")
 
 
+BENCH = """
+electrodes: 16
+drive: adjacent
+measurement: adjacent
+line: {begin: "EIT:", number: "%.2f", between: " ", end: "\\r\\n"}
+factor: 0.001
+voltage: magnitude
+range: [0, 1650]
+ceiling: 1500
+baud: 250000
+period_s: 0.1
+frame_s: 0.1
+"""
+
+
 class Board(threading.Thread):
     """An emulated board: its port, its lines, and what a fault makes of each."""
 
     spoilers = faults.Faults.__new__(faults.Faults)  # what a line becomes; no rig around it
 
-    def __init__(self, folder, spoil):
+    def __init__(self, folder, spoil, profile):
         super().__init__(daemon=True)
+        self.eit_board = eit_board.read(profile)
+        self.spoilers.board = self
         self.port, self.spoil, self.over = SerialPort(folder / "board"), spoil, False
         self.spoilers.rng = np.random.default_rng(1)
 
@@ -275,8 +293,8 @@ class Board(threading.Thread):
             if self.over:
                 break
             state = PLACE if number % 40 >= 25 else np.zeros(3)
-            line_V = values(skin.readings(state[None], draw)[0], skin.TABLE)
-            data = self.spoil(self, number, line_V, text(line_V))
+            numbers = values(skin.readings(state[None], draw)[0], self.eit_board)
+            data = self.spoil(self, number, numbers, text(numbers, self.eit_board))
             while data and not self.over and self.port.plugged:
                 data = data[self.port.write(data) :]
             time.sleep(0.01)
@@ -287,8 +305,8 @@ def board(folder):
     """Starts an emulated board whose lines are spoilt."""
     started = []
 
-    def start(spoil):
-        started.append(Board(folder, spoil))
+    def start(spoil, profile="circular-16"):
+        started.append(Board(folder, spoil, profile))
         started[0].start()
 
     yield start
@@ -298,10 +316,11 @@ def board(folder):
         emulated.port.unplug()
 
 
-def streamed(enough):
+def streamed(enough, profile=None):
     """What a stream of the board says until that is enough."""
     exported, output = skin.exported(), io.StringIO()
-    source = sources.board_source("board", 115200, exported.header["dataset"], sources.Stop())
+    trained_on = exported.header["dataset"]
+    source = sources.board_source("board", profile, None, trained_on, sources.Stop())
     predictor, give_up = Predictor(exported), time.monotonic() + PATIENCE_S
 
     def lines():
@@ -415,7 +434,7 @@ def test_a_board_of_another_kind_is_refused(board):
     board(fault("long", range(100)))
     with pytest.raises(InputError) as refused:
         streamed(lambda lines: len(lines) > 20)
-    expected = "board: 5 lines: found count: 768 values, expected 256, expected a frame of 16"
+    expected = "board: 5 lines: found count: 768 values, expected 256, expected a frame of circ"
     assert str(refused.value).startswith(expected)
 
 
@@ -431,3 +450,19 @@ def test_a_board_s_stream_ends_with_ctrl_c_and_leaves_a_recording(board):
     streamed = recording.read("out.parquet")
     assert streamed.metadata["source"].startswith("circular-16 at board; states")
     assert streamed.frames["touch"].any() and not streamed.frames["touch"].all()
+
+
+def test_a_board_of_one_s_own_is_its_file(board, capsys):
+    Path("bench.yaml").write_text(BENCH, encoding="utf-8")
+    board(lambda board, number, numbers, line: line, "bench.yaml")
+    lines = streamed(lambda lines: len(lines) >= 36, "bench.yaml")
+    assert kinds(lines).count("touch") >= 5 and kinds(lines).count("no touch") >= 8
+    touched = next(line for line in lines if line.get("verdict") == "touch")
+    assert abs(touched["x_mm"]["value"] - PLACE[0]) < 10
+    with pytest.raises(InputError, match="5 lines: found form: it begins b'EIT:"):
+        streamed(lambda lines: False)
+    Path("other.yaml").write_text(
+        BENCH.replace("electrodes: 16", "electrodes: 8"), encoding="utf-8"
+    )
+    with pytest.raises(InputError, match=r"those of a board: other.yaml; --board names another"):
+        streamed(lambda lines: False, "other.yaml")

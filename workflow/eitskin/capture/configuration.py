@@ -1,15 +1,18 @@
 """A rig's configuration, the mapping `rig` of a YAML file, refused in one line if it is wrong."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import yaml
 
 from eitskin import yaml_file
 from eitskin.capture.interlock import Limits
+from eitskin.capture.load_cell import LARGEST_N
 from eitskin.capture.press_plan import places
 from eitskin.capture.robot import STOP_S
-from eitskin.capture.wire import BOARDS, LARGEST_N
+from eitskin.data import board
+from eitskin.data.board import Board
 from eitskin.errors import InputError
 from eitskin.physics.skin import Skin
 from eitskin.schema import Validator, dotted, explained
@@ -44,17 +47,28 @@ def check(rig: dict, file: str | Path) -> None:
     the robot can stop, or whose skin does not suit its board.
     """
     skin = believed_skin(rig, file)
-    n = BOARDS[rig["board"]["profile"]].n_electrodes
+    eit_board = board_of(rig, file)
+    n = eit_board.n_electrodes
     if skin.electrode_deg is not None and len(skin.electrode_deg) != n:
         electrode_count = f"{len(skin.electrode_deg)} electrodes"
         raise InputError(file, "rig.skin.electrode_deg", electrode_count, f"{n}, as the board has")
-    if rig["board"]["frame_s"] > rig["board"]["period_s"]:
-        expected = f"at most period_s, {rig['board']['period_s']}"
-        raise InputError(file, "rig.board.frame_s", rig["board"]["frame_s"], expected)
+    if eit_board.frame_s > eit_board.period_s:
+        expected = f"at most period_s, {eit_board.period_s}"
+        raise InputError(file, "rig.board.frame_s", eit_board.frame_s, expected)
     _check_limits(rig, file)
     _check_speeds(rig, file)
     _check_depths(rig, file)
     _check_box(rig, file)
+
+
+def board_of(rig: dict, file: str | Path = "rig") -> Board:
+    """The board, with the timing that the rig states anew.
+
+    Raises InputError naming `file` for an unknown board, and the board's file for an invalid one.
+    """
+    described = board.read(rig["board"]["profile"], file, "rig.board.profile")
+    timing = {key: rig["board"][key] for key in board.TIMING if key in rig["board"]}
+    return replace(described, description=described.description | timing)
 
 
 def believed_skin(rig: dict, file: str | Path = "rig") -> Skin:

@@ -10,7 +10,7 @@ from typing import Generic, TypeVar
 
 import serial
 
-from eitskin.capture.wire import Reject
+from eitskin.data.board import Reject
 
 Value = TypeVar("Value")
 
@@ -43,10 +43,10 @@ class Splitter(Generic[Value]):
     """Splits bytes into lines as they arrive.
 
     What comes before the first newline is dropped: it began before the port was opened, and may be
-    stale bytes joined to a frame.
+    stale bytes joined to a frame. So is a line that `parse` takes for None, a remark.
     """
 
-    def __init__(self, parse: Callable[[bytes], Value | Reject]):
+    def __init__(self, parse: Callable[[bytes], Value | Reject | None]):
         self._parse = parse
         self._pending = b""
         self._number = 0
@@ -61,7 +61,8 @@ class Splitter(Generic[Value]):
                 self._before = (now_s, False)
                 continue
             value = self._parse(line_bytes + b"\n")
-            lines.append(self._line(line_bytes + b"\n", value, now_s, self._before))
+            if value is not None:
+                lines.append(self._line(line_bytes + b"\n", value, now_s, self._before))
         if len(self._pending) > LONGEST_LINE:
             if self._before is not None:
                 value = Reject("endless", f"{len(self._pending)} bytes without a newline")
@@ -112,7 +113,7 @@ class Port(Generic[Value]):
         self,
         device: str,
         baud: int,
-        parse: Callable[[bytes], Value | Reject],
+        parse: Callable[[bytes], Value | Reject | None],
         start: bytes = b"",
         clock: Callable[[], float] = time.monotonic,
     ):

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eitskin.capture.configuration import believed_skin, pressing_m_s
+from eitskin.capture.configuration import believed_skin, board_of, pressing_m_s
 from eitskin.capture.dashboard import Dashboard
 from eitskin.capture.interlock import NORMAL_SAFETY, RUNNING, SAFE_BITS, STILL_M_S
 from eitskin.capture.lines import Line, Port, Value, plausible_period_s
+from eitskin.capture.load_cell import LOAD_CELLS, Restart
 from eitskin.capture.press_plan import places
 from eitskin.capture.rtde import RobotState, RtdeError, robot_state
-from eitskin.capture.wire import BOARDS, LOAD_CELLS, Reject, Restart, measured_mask
+from eitskin.data.board import Reject
 from eitskin.errors import InputError
 
 EMULATED = "EMULATED"  # stands in an emulated robot's serial number or PolyScope version
@@ -151,24 +152,22 @@ def load_cell(port: Port[float | Restart], config: dict) -> Finding:
 
 def board(port: Port[np.ndarray], config: dict) -> Finding:
     """Whether the board sends complete frames, and how much of the converter's range they use."""
-    profile = BOARDS[config["board"]["profile"]]
+    profile = board_of(config)
     lines = _listen(port, FRAMES, lambda line: isinstance(line.value, np.ndarray))
     frames = [(line.end_s, line.value) for line in lines if isinstance(line.value, np.ndarray)]
     if len(frames) < FRAMES:
         return Finding("board", False, _silence_text(port, lines, f"{len(frames)} frames"))
-    readings = np.array([frame[measured_mask(profile.n_electrodes)] for _, frame in frames])
+    readings = np.array([reading for _, reading in frames])
     period_s = np.median(np.diff([end_s for end_s, _ in frames]))
-    n_saturated = int((readings > profile.linear_V).any(axis=0).sum())
+    n_saturated = int(profile.saturated(readings).any(axis=0).sum())
     description = (
         f"{len(frames)} whole frames, {period_s:.3f} s apart, {readings.min():.4f} to "
-        f"{readings.max():.4f} V RMS, {n_saturated} channels above the linear {profile.linear_V} V"
+        f"{readings.max():.4f} {profile.unit_text}, {n_saturated} channels above the linear "
+        f"{profile.ceiling:g} {profile.unit}"
     )
-    period_setting_s = config["board"]["period_s"]
-    shortest_s, longest_s = plausible_period_s(period_setting_s)
+    shortest_s, longest_s = plausible_period_s(profile.period_s)
     if not shortest_s <= period_s <= longest_s:
-        return Finding(
-            "board", False, f"{description}: the configuration says {period_setting_s} s apart"
-        )
+        return Finding("board", False, f"{description}: the board's period_s is {profile.period_s}")
     if not readings.any():
         return Finding("board", False, f"{description}: no current flows")
     return Finding("board", True, description)
@@ -216,13 +215,12 @@ def opened_load_cell(config: dict) -> Iterator[Port[float | Restart]]:
 @contextlib.contextmanager
 def opened_board(config: dict) -> Iterator[Port[np.ndarray]]:
     """The board's port; raises InputError where it cannot be opened."""
-    board = config["board"]
-    profile = BOARDS[board["profile"]]
+    device, profile = config["board"]["port"], board_of(config)
 
     def open_port() -> Port[np.ndarray]:
-        return Port(board["port"], board["baud"], profile.parse, profile.start)
+        return Port(device, profile.baud, profile.parse, profile.start)
 
-    with _closing_port("board", board["port"], open_port) as port:
+    with _closing_port("board", device, open_port) as port:
         yield port
 
 

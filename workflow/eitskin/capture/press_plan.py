@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from eitskin.data import board
 from eitskin.simulate.layout import polar_grid
 
 
@@ -60,11 +61,11 @@ def plan_sha256(rig: dict) -> str:
     """Fingerprint of all settings that decide the samples; a capture is resumed only with the same.
 
     Ports, speeds, limits, `frame_s` and `session` may change from run to run; each run's record
-    states them.
+    states them. Raises InputError where the board's file cannot be read.
     """
     decisive_settings = {key: rig[key] for key in ("emulated", "skin", "plan")}
     decisive_settings |= {
-        "board": rig["board"]["profile"],
+        "board": board.identity(rig["board"]["profile"]),
         "load_cell": rig["load_cell"]["profile"],
     }
     decisive_settings |= {"centre": rig["pose"]["centre"]}

@@ -13,11 +13,10 @@ from eitskin.atomic import atomic_path
 from eitskin.capture import journal
 from eitskin.capture.configuration import believed_skin
 from eitskin.capture.press_plan import contacts
-from eitskin.capture.wire import BOARDS, Reject, measured_mask, rms_frame
-from eitskin.data import recording
+from eitskin.data import board, recording
+from eitskin.data.board import Board
 from eitskin.data.recording import Recording, frames_table
 from eitskin.errors import InputError
-from eitskin.physics.protocol import channel_table
 
 REAL, EMULATED = "rig", "emulated rig"
 RUN_GAP_S = 1.0  # least time between runs where the host's clock was set back
@@ -61,7 +60,8 @@ def to_recording(records: list[dict], file: str | Path) -> tuple[Recording, int]
     )
     place_mm = 1e3 * (pose_pairs_m.mean(axis=1) - centre)
     valid_frames = ~(table["touch"] & ~(table["force_N"] > 0)).to_numpy()
-    voltage = _voltages(frame_records, config, file)[valid_frames]
+    eit_board = _board(records[0], file)
+    voltage = _voltages(frame_records, eit_board, file)[valid_frames]
     (x_mm, y_mm), table = place_mm[valid_frames].T, table[valid_frames].reset_index(drop=True)
     contact_of_number = {contact.number: contact for contact in planned}
     frame_contacts = [contact_of_number[number] for number in table["contact"]]
@@ -86,11 +86,12 @@ def to_recording(records: list[dict], file: str | Path) -> tuple[Recording, int]
     for name in ("spread_N", "saturated", "robot_s"):
         frames[f"note_{name}"] = table[name]
     metadata = recording.metadata_of(
-        channel_table(BOARDS[config["board"]["profile"]].n_electrodes),
+        eit_board.channels,
         believed_skin(config, file).metadata(),
         source(records),
-        "magnitude",
+        eit_board.voltage,
         position_frame="robot",
+        unit=eit_board.unit,
         frame_s=float(min([*table["frame_s"], *np.diff(time_s)])),
     )
     return Recording(frames, voltage, None, None, metadata), int((~valid_frames).sum())
@@ -133,7 +134,8 @@ def source(records: list[dict]) -> str:
 
 def manifest(records: list[dict], recorded: Recording, n_without_force: int) -> dict:
     """The manifest: configuration, runs, stops, counts of contacts, frames and rejected lines."""
-    header = records[0]
+    header, eit_board = records[0], _board(records[0])
+    kind = "RMS" if eit_board.is_rms else "amplitudes"
     records_of_kind: dict[str, list[dict]] = {}
     for record in records:
         records_of_kind.setdefault(record["kind"], []).append(record)
@@ -158,7 +160,8 @@ def manifest(records: list[dict], recorded: Recording, n_without_force: int) -> 
         "frames": len(recorded.frames),
         "frames_left_out_without_force": n_without_force,
         "rejected_lines": dict(sorted(rejects.items())),
-        "readings": "RMS volts; the skin's current is RMS as well",
+        "board": eit_board.description,
+        "readings": f"{kind} in {eit_board.unit}; so is the skin's current, in A",
     }
 
 
@@ -185,16 +188,24 @@ def _begin_s(record: dict, frame_s: float) -> float:
     return max(record["before_s"], record["end_s"] - frame_s)
 
 
-def _voltages(frame_records: list[dict], config: dict, file: str | Path) -> np.ndarray:
-    """(N, M) V: readings parsed from the raw lines."""
-    n = BOARDS[config["board"]["profile"]].n_electrodes
-    measured_pairs, readings = measured_mask(n), []
+def _board(header: dict, file: str | Path = "journal") -> Board:
+    """The board that a journal's header describes; journals of before it did name one."""
+    profile = header["config"]["board"]["profile"]
+    if "board" not in header:
+        return board.read(profile, file)
+    return board.described(profile, header["board"], f"{file}: board")
+
+
+def _voltages(frame_records: list[dict], eit_board: Board, file: str | Path) -> np.ndarray:
+    """(N, M): readings parsed from the raw lines, in the board's unit."""
+    readings = []
     for record in frame_records:
-        frame = rms_frame(record["raw"].encode(), n)
-        if isinstance(frame, Reject):
-            place = f"record {record['number']}"
-            raise InputError(file, place, f"{frame.reason}: {frame.detail}", "a frame's raw line")
-        readings.append(frame[measured_pairs])
+        reading = eit_board.parse(record["raw"].encode())
+        if not isinstance(reading, np.ndarray):
+            violation = f"{reading.reason}: {reading.detail}" if reading else "a remark"
+            expected = "a frame's raw line"
+            raise InputError(file, f"record {record['number']}", violation, expected)
+        readings.append(reading)
     return np.array(readings)
 
 

@@ -11,11 +11,12 @@ from typing import TypeVar
 import numpy as np
 
 from eitskin.capture import interlock
-from eitskin.capture.configuration import limits
+from eitskin.capture.configuration import board_of, limits
 from eitskin.capture.interlock import State, Stop
 from eitskin.capture.lines import Line, Port, is_frame_after
+from eitskin.capture.load_cell import Restart
 from eitskin.capture.robot import Robot, RobotError
-from eitskin.capture.wire import BOARDS, Reject, Restart, measured_mask
+from eitskin.data.board import Reject
 
 Outcome = TypeVar("Outcome")
 
@@ -78,7 +79,7 @@ class Rig:
         self._clock = clock
         self._limits = limits(config)
         self._box = tuple(tuple(side) for side in config["pose"]["box_m"])
-        self._profile = BOARDS[config["board"]["profile"]]
+        self._profile = board_of(config)
         self._forces: deque[tuple[float, float]] = deque(maxlen=MAX_FORCES)
         self._load_number = self._board_number = 0
         self._load_rejects = self._load_restarts = self._frozen = self._board_rejects = 0
@@ -320,7 +321,7 @@ class Rig:
         """
         self.wait(settle_s)
         settled_s, n_rejects_before = self._clock(), len(self._rejects)
-        period_s, port = self.config["board"]["period_s"], self._board
+        period_s, port = self._profile.period_s, self._board
         assert port is not None
         last_number = [self._board_number]
 
@@ -366,7 +367,6 @@ class Rig:
             self.robot.state_at(line.previous_end_s),
             self.robot.state_at(line.end_s),
         )
-        reading = line.value[measured_mask(self._profile.n_electrodes)]
         return {
             "line": line.number,
             "raw": line.raw.decode("ascii"),
@@ -383,7 +383,7 @@ class Rig:
             "pose_end": list(end_state.pose),
             "robot_before_s": begin_state.timestamp_s,
             "robot_end_s": end_state.timestamp_s,
-            "saturated": int((reading > self._profile.linear_V).sum()),
+            "saturated": int(self._profile.saturated(line.value).sum()),
             "rejected_before": n_rejects,
         }
 

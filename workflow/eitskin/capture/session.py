@@ -13,10 +13,12 @@ from importlib.metadata import version
 from pathlib import Path
 
 from eitskin.capture import journal, preflight
+from eitskin.capture.configuration import board_of
 from eitskin.capture.press import press
 from eitskin.capture.press_plan import Contact, contacts, plan_sha256
 from eitskin.capture.rig import Fault, Interrupted, Rig
 from eitskin.capture.robot import Robot, RobotError
+from eitskin.data import board
 from eitskin.errors import InputError
 
 PACKAGES = ("eitskin", "numpy", "pyserial", "ur-rtde")
@@ -78,10 +80,9 @@ def capture(
     is_new = capture_journal is None
     if capture_journal is None:
         _refuse([preflight.plan(config)], file)
-        header = {"kind": "capture", "format": "eit-capture", "version": 1}
-        journal.begin(
-            journal_path, {**header, "config": config, "plan_sha256": plan_sha256(config)}
-        )
+        header: dict = {"kind": "capture", "format": "eit-capture", "version": 1}
+        header |= {"config": config, "plan_sha256": plan_sha256(config)}
+        journal.begin(journal_path, header | {"board": board_of(config).description})
         capture_journal = journal.read(journal_path)
     run = sum(record["kind"] == "run" for record in capture_journal.records)
     with contextlib.closing(journal.Writer(journal_path, capture_journal)) as writer:
@@ -276,11 +277,13 @@ def _signals(rig: Rig) -> Iterator[None]:
 
 
 def _run_record(config: dict, run: int, identity: dict) -> dict:
+    description = board_of(config).description
     return {
         "kind": "run",
         "run": run,
         "robot": identity,
-        **{key: config[key] for key in ("board", "load_cell", "session", "motion", "limits")},
+        "board": {**config["board"], **{key: description[key] for key in board.TIMING}},
+        **{key: config[key] for key in ("load_cell", "session", "motion", "limits")},
         "packages": {name: version(name) for name in PACKAGES},
         "python": platform.python_version(),
         **_clocks(),

@@ -9,14 +9,14 @@ from eitskin.errors import InputError, named
 from eitskin.quantities import plain
 
 FAULT = 4  # exit code, as of a capture's fault
-BAUD = 115200  # of the authors' board
 
 
 def add(command: argparse.ArgumentParser) -> None:
     """Add the options of `stream` that are no paths."""
     command.add_argument("--fast", action="store_true", help="a recording as fast as it is judged")
-    rate = "of a board's port, by default %(default)s"
-    command.add_argument("--baud", type=int, default=BAUD, help=rate)
+    description = "the board: its name or its YAML file, by default the known one of the channels"
+    command.add_argument("--board", help=description)
+    command.add_argument("--baud", type=int, help="of a board's port, where it is not the board's")
 
 
 def stream(arguments: argparse.Namespace) -> int:
@@ -32,7 +32,9 @@ def stream(arguments: argparse.Namespace) -> int:
     trained_on = predictor.header["dataset"]
     if sources.is_device(arguments.source):
         with named(arguments.model):
-            source = sources.board_source(arguments.source, arguments.baud, trained_on, stop)
+            source = sources.board_source(
+                arguments.source, arguments.board, arguments.baud, trained_on, stop
+            )
     else:
         source = sources.recording_source(arguments.source, trained_on, arguments.fast, stop)
     judge = Judge(predictor, source.is_difference, source.n_opening_frames)

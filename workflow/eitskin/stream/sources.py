@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eitskin.capture.wire import BOARDS, Board, Reject, measured_mask
-from eitskin.data import importers
+from eitskin.data import board, importers
+from eitskin.data.board import Board, Reject
 from eitskin.data.dataset import check_compatibility
 from eitskin.data.recording import Recording, voltages
 from eitskin.errors import InputError
-from eitskin.physics.protocol import channel_table
 from eitskin.stream.baseline import OPENING_FRAMES
 from eitskin.stream.frames import Event, Frame, Trouble
 from eitskin.stream.recorder import as_recording, is_journal
@@ -65,39 +64,38 @@ class Source:
     description: str
 
 
-def board_source(device: str, baud: int, trained_on: dict, stop: Stop) -> Source:
-    """The board at `device` whose channels are those of the data set `trained_on`.
+def board_source(
+    device: str, profile: str | None, baud: int | None, trained_on: dict, stop: Stop
+) -> Source:
+    """The board at `device`: that of `profile`, as of `board.read`, else the one of `board.NAMES`
+    whose channels are those of the data set `trained_on`. `baud`: where it is not the board's.
 
-    Raises InputError where no known board has its channels and kind of voltage, and for a port that
-    cannot be opened.
+    Raises InputError for a board with other channels or another kind of voltage than trained on,
+    and for one that is not described.
     """
-    profile_name = next(
-        (name for name, profile in BOARDS.items() if _has_channels(profile, trained_on)), None
-    )
-    if profile_name is None:
+    candidates = [board.read(name) for name in (board.NAMES if profile is None else (profile,))]
+    eit_board = next((known for known in candidates if _has_channels(known, trained_on)), None)
+    if eit_board is None:
         channels = f"{len(trained_on['channels'])} channels of {trained_on['name']}"
-        raise InputError(
-            "recording", "channels", channels, f"those of a board: {', '.join(BOARDS)}"
-        )
-    if trained_on.get("voltage") != "magnitude" or trained_on["unit"] != "V":
+        expected = f"those of a board: {', '.join(known.name for known in candidates)}"
+        raise InputError("recording", "channels", channels, f"{expected}; --board names another")
+    if (trained_on.get("voltage"), trained_on["unit"]) != (eit_board.voltage, eit_board.unit):
         voltage = f"{trained_on.get('voltage')} {trained_on['unit']} of {trained_on['name']}"
-        expected = f"magnitudes in V, as {profile_name} reads"
+        expected = f"{eit_board.voltage} {eit_board.unit}, as {eit_board.name} reads"
         raise InputError("recording", "voltage", voltage, expected)
     lost_channels = np.array(trained_on.get("lost_channels", []), dtype=int)
-    events = _board_events(device, baud, BOARDS[profile_name], lost_channels, stop)
-    return Source(events, OPENING_FRAMES, False, f"{profile_name} at {device}")
+    events = _board_events(device, baud or eit_board.baud, eit_board, lost_channels, stop)
+    return Source(events, OPENING_FRAMES, False, f"{eit_board.name} at {device}")
 
 
-def _has_channels(profile: Board, trained_on: dict) -> bool:
+def _has_channels(eit_board: Board, trained_on: dict) -> bool:
     """Whether a board's channels are those trained on."""
-    channels = np.delete(
-        channel_table(profile.n_electrodes), trained_on.get("lost_channels", []), axis=0
-    )
+    channels = np.delete(eit_board.channels, trained_on.get("lost_channels", []), axis=0)
     return channels.tolist() == trained_on["channels"]
 
 
 def _board_events(
-    device: str, baud: int, profile: Board, lost_channels: np.ndarray, stop: Stop
+    device: str, baud: int, eit_board: Board, lost_channels: np.ndarray, stop: Stop
 ) -> Iterator[Event]:
     """Frames and troubles of a board's lines.
 
@@ -106,9 +104,8 @@ def _board_events(
     """
     from eitskin.capture.lines import Port  # pyserial, which recordings do without
 
-    measured_pairs = measured_mask(profile.n_electrodes)
     try:
-        port = Port(device, baud, profile.parse, profile.start, time.perf_counter)
+        port = Port(device, baud, eit_board.parse, eit_board.start, time.perf_counter)
     except OSError as error:
         raise InputError(device, "port", error, "a board that nobody else has open") from None
     start_s = last_line_s = time.perf_counter()
@@ -129,7 +126,7 @@ def _board_events(
                     n_rejects += 1
                     message = f"{line.value.reason}: {line.value.detail}"
                     if not n_frames and n_rejects == MAX_WRONG_LINES:
-                        expected = f"a frame of {profile.n_electrodes} electrodes"
+                        expected = f"a frame of {eit_board.name}"
                         raise InputError(device, f"{n_rejects} lines", message, expected)
                     yield Trouble(line.end_s - start_s, f"a line refused, {message}")
                     continue
@@ -142,12 +139,12 @@ def _board_events(
                     continue
                 # lines that waited in a buffer have the host's time, one for all of them
                 latest_s = max(line.end_s - start_s, latest_s + MIN_INTERVAL_S)
-                reading = np.delete(line.value[measured_pairs], lost_channels)
-                yield Frame(latest_s, line.end_s, reading, reading > profile.linear_V)
+                reading = np.delete(line.value, lost_channels)
+                yield Frame(latest_s, line.end_s, reading, eit_board.saturated(reading))
             if port.failure is not None:
                 yield Trouble(now_s - start_s, f"{device} is gone")
                 port.close()
-                reopened_port = _reopen(device, baud, profile, stop)
+                reopened_port = _reopen(device, baud, eit_board, stop)
                 if reopened_port is None:
                     return
                 port = reopened_port
@@ -159,7 +156,7 @@ def _board_events(
         port.close()
 
 
-def _reopen(device: str, baud: int, profile: Board, stop: Stop) -> "Port | None":
+def _reopen(device: str, baud: int, eit_board: Board, stop: Stop) -> "Port | None":
     """The port once it is back; None where a stop is requested.
 
     Raises PortLost after RECONNECT_LIMIT_S.
@@ -170,7 +167,7 @@ def _reopen(device: str, baud: int, profile: Board, stop: Stop) -> "Port | None"
     while time.perf_counter() < deadline_s and not stop.is_requested:
         time.sleep(0.1)
         try:
-            return Port(device, baud, profile.parse, profile.start, time.perf_counter)
+            return Port(device, baud, eit_board.parse, eit_board.start, time.perf_counter)
         except OSError:
             continue
     if stop.is_requested:

@@ -1,12 +1,11 @@
-"""The paper's rig logger: one CSV row a depth step, 256 magnitudes drive-major (16 x 16).
+"""The paper's rig logger: one CSV row a depth step, `eit_0`, ... as the board `circular-16` prints.
 
-`eit_{16 k + j}` is |u[j] - u[j+1]| (V) while electrodes k, k+1 drive. The 48 readings whose pair
-touches a driven electrode hold no measurement and must be constant: channels are picked by index,
-never by value (a real reading may be 0). Rows with `force_n` under 0.05 N are the untouched
-baseline, rows from 0.5 N on are touches at `contact_u_m`, `contact_v_m` (the robot's axes), as the
-paper takes them. Rows between are neither, rows without a force or a frame are nothing: they are
-left out and counted in `source`. The clock is `t_eit`; the skin's size, the probe and the current
-are not in the file.
+Readings whose pair touches a driven electrode hold no measurement and must be constant: channels
+are picked by index, never by value (a real reading may be 0). Rows with `force_n` under 0.05 N are
+the untouched baseline, rows from 0.5 N on are touches at `contact_u_m`, `contact_v_m` (the robot's
+axes), as the paper takes them. Rows between are neither, rows without a force or a frame are
+nothing: they are left out and counted in `source`. The clock is `t_eit`; the skin's size, the probe
+and the current are not in the file.
 """
 
 from io import StringIO
@@ -16,14 +15,15 @@ import numpy as np
 import pandas as pd
 
 from eitskin import text_file
+from eitskin.data import board
+from eitskin.data.board import Board
 from eitskin.data.importers.description import describe
 from eitskin.data.importers.tables import cells, first_line, separator_of
 from eitskin.data.recording import Recording, frames_table
 from eitskin.errors import InputError
 from eitskin.physics.geometry import even_angles
-from eitskin.physics.protocol import channel_table
 
-N_ELECTRODES = 16
+BOARD = "circular-16"
 UNTOUCHED_BELOW_N = 0.05
 TOUCHED_FROM_N = 0.5
 MAX_CONTACTS = 1 << 31  # contacts
@@ -45,12 +45,11 @@ def load(path: Path) -> Recording:
     Raises InputError for missing columns, words among numbers, changing readings at driven
     electrodes, and times that do not increase (several runs in one file).
     """
-    readings = [f"eit_{index}" for index in range(N_ELECTRODES**2)]
+    eit_board = board.read(BOARD)
+    readings = [f"eit_{index}" for index in range(len(eit_board.printed))]
     table = _read(path, [*REQUIRED_COLUMNS, *readings])
     values = table[readings].to_numpy()
-    channels = channel_table(N_ELECTRODES)
-    measured_columns = N_ELECTRODES * channels[:, 0] + channels[:, 2]
-    _refuse_live(path, table, np.setdiff1d(np.arange(N_ELECTRODES**2), measured_columns))
+    _refuse_live(path, table, eit_board)
     force = table["force_n"].to_numpy()
     is_empty = np.isnan(force) | table["t_eit"].isna().to_numpy() | np.isnan(values).all(axis=1)
     is_between = ~is_empty & (force >= UNTOUCHED_BELOW_N) & (force < TOUCHED_FROM_N)
@@ -82,15 +81,15 @@ def load(path: Path) -> Recording:
         empty=int(is_empty.sum()),
     )
     metadata = describe(
-        channels,
-        even_angles(N_ELECTRODES),
+        eit_board.channels,
+        even_angles(eit_board.n_electrodes),
         source,
-        voltage="magnitude",
+        voltage=eit_board.voltage,
         position_frame="robot",
-        unit="V",
+        unit=eit_board.unit,
         clock="measured",
     )
-    voltage = used_rows[readings].to_numpy()[:, measured_columns]
+    voltage = used_rows[readings].to_numpy()[:, eit_board.is_recorded]
     return Recording(frames, voltage, None, None, metadata)
 
 
@@ -144,13 +143,13 @@ def _contacts(path: Path, numbers: pd.Series) -> pd.Series:
     return numbers.reset_index(drop=True).astype("Int64")
 
 
-def _refuse_live(path: Path, table: pd.DataFrame, driven: np.ndarray) -> None:
+def _refuse_live(path: Path, table: pd.DataFrame, eit_board: Board) -> None:
     """Raise InputError where readings at driven electrodes change: the file has another order."""
-    for index in driven:
+    for index in np.flatnonzero(~eit_board.is_recorded):
         cells = table[f"eit_{index}"].dropna()
         changed_cells = cells[cells != cells.iloc[0]] if len(cells) else cells
         if len(changed_cells):
             line, reading = next(changed_cells.items())
-            drive, pair = divmod(int(index), N_ELECTRODES)
+            drive, _, pair, _ = eit_board.printed[index]
             expected = f"{cells.iloc[0]} throughout: pair {pair} touches drive {drive}"
             raise InputError(path, f"line {line}, column eit_{index}", reading, expected)
