@@ -11,7 +11,7 @@ MAX_RATIO = 100  # unfolded over folded: noise keeps readings far below
 
 
 def refuse(path: str | Path, size: int) -> None:
-    """Raise InputError for a file whose content has `size` bytes or more, where that is too much."""
+    """Raise InputError where a file's content, `size` bytes or more, is too much."""
     folded = Path(path).stat().st_size
     if size > max(LEAST_BYTES, MAX_RATIO * folded):
         actual = f"{folded:,} bytes that unfold to {size:,} or more"

@@ -61,5 +61,5 @@ def workbook(path):
 def test_it_is_refused_in_a_sentence(name, write, tmp_path, monkeypatch):
     monkeypatch.setattr(unfolding, "LEAST_BYTES", 1 << 20)
     write(tmp_path / name)
-    with pytest.raises(InputError, match="bytes that unfold to .* or more, expected at most 100"):
+    with pytest.raises(InputError, match=r"bytes that unfold to .* or more, expected at most 100"):
         importers.load(tmp_path / name)

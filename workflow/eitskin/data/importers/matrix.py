@@ -23,7 +23,7 @@ import numpy as np
 import pandas as pd
 
 from eitskin.data import subset
-from eitskin.data.importers import bare_vectors, matrix_table, protocol_search
+from eitskin.data.importers import bare_vectors, matrix_table, named_columns, protocol_search
 from eitskin.data.importers.bare_vectors import GROUND, Layout
 from eitskin.data.importers.description import describe
 from eitskin.data.importers.matrix_description import (
@@ -79,6 +79,7 @@ def accepts(path: Path) -> bool:
         return True
     if width >= MIN_COLUMNS or is_numpy(path) or common_protocol(rows) is not None:
         raise missing_description(path, (rows, width), table.names)
+    named_columns.refuse_unnamed_rows(path, table.names, table.readings)
     return False
 
 
