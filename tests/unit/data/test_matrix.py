@@ -364,8 +364,8 @@ def test_a_pattern_is_known_by_the_readings(write, n, drive, measure, with_drive
 
 
 def test_numbers_at_driven_electrodes_choose_no_pattern(write):
-    """Zeros there, which another pattern takes for readings, are nearer to its disc's by correlation
-    alone."""
+    """Zeros there are nearer, by correlation alone, to what another pattern would read of a disc,
+    which takes them for readings."""
     channels = every_channel(8, "skip-1", "skip-1")
     values = pattern_frames(8, "skip-1", "skip-1", True) * undriven(channels)
     refused(write(lines(values), None), "that says what its 64 columns read")
