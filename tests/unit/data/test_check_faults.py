@@ -174,11 +174,12 @@ def test_places_that_are_not_counted_from_the_centre_are_told(make_recording, co
     assert np.abs(np.array(centre_mm) - shift_mm).max() < 0.1 * radius_mm
 
 
-def test_one_channel_shows_no_direction(make_recording):
-    recording = make_recording(presses=12)
+def test_one_channel_shows_no_direction_and_is_diagnosed():
+    recording = small_recording()
     metadata = recording.metadata | {"channels": recording.metadata["channels"][:1]}
     few = replace(recording, voltage=recording.voltage[:, :1], metadata=metadata)
     assert wiring.numbering(few) is None
+    assert document(diagnose(few), "few")["verdict"] == "consistent"
 
 
 def test_noise_as_large_as_readings_is_told(make_recording):

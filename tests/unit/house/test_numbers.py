@@ -25,7 +25,7 @@ TIME = r"processor|ms\b|s\b|seconds?\b|min(?:utes?)?\b|hours?\b|h\b"
 WORD = r"(?i:two|three|four|five|six|seven|eight|nine|ten|eleven|twelve|twenty|thirty|hundred)"
 UNIT = rf"%|per ?cent\b|\N{{MULTIPLICATION SIGN}}|times\b|{TIME}|[KMG]i?B\b|nats\b"
 MEASURED = re.compile(
-    rf"(?<![\w.]){NUMBER}(?:(?: to |–|-){NUMBER})? (?:{UNIT})"  # a share, a factor, a time, ...
+    rf"(?<![\w.]){NUMBER}(?:(?: to |\N{{EN DASH}}|-){NUMBER})? (?:{UNIT})"  # a share, a time
     rf"|(?<![\w.]){NUMBER}%"
     rf"|(?<![\w.]){NUMBER} (?:out of|of|in|among) (?:the |its |these )?{NUMBER}"  # a count
     rf"|(?<![\w./-]){NUMBER}/[0-9]+(?![\w/.-])"
@@ -86,7 +86,7 @@ def test_what_is_stated_stands_on_its_page(name):
         "It is right in 83 out of 89, or 83/89.",
         "Nine of ten were named.",
         "Three out of four, 75 percent, are right.",
-        "It takes 2–3 seconds.",
+        "It takes 2\N{EN DASH}3 seconds.",
         "It is as good as chance (p = 0.03).",
         "An error of 1.20 ± 0.01.",
     ),
