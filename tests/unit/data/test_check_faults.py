@@ -250,6 +250,14 @@ def test_a_load_cell_whose_zero_is_off_is_told_by_untouched_frames(tmp_path, zer
     assert (imported.frames["force_N"][untouched] == 0.0).all()
 
 
+def test_a_load_cell_whose_zero_jumps_is_told_though_most_report_none(make_recording):
+    draw, recording = np.random.default_rng(3), make_recording(presses=20)
+    force_N = 0.6 * (np.arange(len(recording.frames)) > 0.6 * len(recording.frames))
+    force_N = force_N + 0.02 * draw.normal(size=len(force_N))
+    recording.frames[UNTOUCHED_FORCE] = np.where(recording.frames["touch"], np.nan, force_N)
+    assert "the load cell's zero wanders" in finding(recording, "zero").sentence
+
+
 def test_noise_of_a_load_cell_is_no_zero_that_is_off():
     draw, recording = np.random.default_rng(3), small_recording()
     force_N = 0.05 * draw.normal(size=len(recording.frames))

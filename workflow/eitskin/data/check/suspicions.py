@@ -129,9 +129,12 @@ def load_cell_zero(recording: Recording) -> list[Finding]:
     median_text, low_text, high_text = (f"{v:.2f}".replace("-", MINUS) for v in values)
     spread = "" if low_text == high_text else f" ({low_text} to {high_text} N)"
     frames = "1 untouched frame reports" if zero.frames == 1 else "untouched frames report"
+    fault, remedy = "is off", "Subtract it, or tare the load cell before each session"
+    if zero.wanders:
+        fault, remedy = "wanders", "Subtract that of the untouched frames beside each touch"
     sentence = (
-        f"{frames} {median_text} N{spread}: the load cell's zero is off, and the forces of"
-        " touches probably as much. Subtract it, or tare the load cell before each session."
+        f"{frames} {median_text} N{spread}: the load cell's zero {fault}, and the forces of"
+        f" touches probably as much. {remedy}."
     )
     return [Finding("zero", WARNING, sentence, zero.median_N)]
 
