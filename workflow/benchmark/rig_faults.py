@@ -26,6 +26,7 @@ from eitskin.progress import patient
 CSV, PAGE = (rows.ROOT / "benchmarks" / f"rig_faults.{ending}" for ending in ("csv", "md"))
 CONFIG = rows.ROOT / "workflow" / "config"
 CAPTURE_S, ENDING_S = 1800.0, 60.0  # far longer than any capture and any lift take
+MAX_REFUSALS = 20  # of a capture, whose board a busy machine emulates too slowly to begin
 SEED, LEAST_N, LARGEST_N = 1, 0.2, 7.0  # true force at which a fault begins: from touch to target
 PROBES_MM = (7.0, 10.0, 15.0)
 FAULTS: dict[str, dict] = {  # what each is, as the emulator has it
@@ -93,13 +94,26 @@ def _emulated(folder: Path, config: dict) -> Iterator[None]:
 
 
 def capture(seed: int, plan: dict, faults: list[dict]) -> dict:
-    """One capture: what the emulator and the journal say of it.
+    """One capture that began: what the emulator and the journal say of it.
 
-    Keys: begins_N, the true force at the fault's beginning, NaN without one; largest_N, the
+    Keys: refusals, how often the driver refused to begin before; begins_N, the true force at the
+    fault's beginning, NaN without one; largest_N, the
     largest true force; stopped, whether the capture ended early; reason, why; presses begun;
     finished presses; spoilt_finished, whether the press of the fault counts as finished; broken,
     rules of the emulator that the driver broke.
+
+    Raises RuntimeError after MAX_REFUSALS.
     """
+    for refusals in range(MAX_REFUSALS):
+        events, records, refusal = _capture(seed, plan, faults)
+        if records:
+            return {"refusals": refusals, **_outcome(events, records)}
+    raise RuntimeError(f"no capture began: {refusal}")
+
+
+def _capture(seed: int, plan: dict, faults: list[dict]) -> tuple[list[dict], list[dict], str]:
+    """The emulator's events, the journal's records, none where no capture began, and the end of
+    what the driver says."""
     with TemporaryDirectory() as name:
         folder = Path(name)
         emulator, driver = configurations(folder, seed, plan, faults)
@@ -108,11 +122,11 @@ def capture(seed: int, plan: dict, faults: list[dict]) -> dict:
         run = [sys.executable, "-m", "eitskin.cli", "rig", "run", str(folder / "rig.yaml"), *files]
         with _emulated(folder, emulator):
             process = subprocess.run(run, capture_output=True, text=True, timeout=CAPTURE_S)
-        if not (folder / "journal.jsonl").exists():
-            raise RuntimeError(f"no capture began: {process.stderr[-2000:]}")
-        records = journal.read(folder / "journal.jsonl").records
+        began = (folder / "journal.jsonl").exists()
+        records = journal.read(folder / "journal.jsonl").records if began else []
         log = (folder / "events.jsonl").read_text(encoding="utf-8")
-    return _outcome([json.loads(line) for line in log.splitlines()], records)
+    events = [json.loads(line) for line in log.splitlines()]
+    return events, records, process.stderr[-2000:]
 
 
 def _outcome(events: list[dict], records: list[dict]) -> dict:

@@ -174,11 +174,12 @@ def test_places_that_are_not_counted_from_the_centre_are_told(make_recording, co
     assert np.abs(np.array(centre_mm) - shift_mm).max() < 0.1 * radius_mm
 
 
-def test_one_channel_shows_no_direction(make_recording):
-    recording = make_recording(presses=12)
+def test_one_channel_shows_no_direction_and_is_diagnosed():
+    recording = small_recording()
     metadata = recording.metadata | {"channels": recording.metadata["channels"][:1]}
     few = replace(recording, voltage=recording.voltage[:, :1], metadata=metadata)
     assert wiring.numbering(few) is None
+    assert document(diagnose(few), "few")["verdict"] == "consistent"
 
 
 def test_noise_as_large_as_readings_is_told(make_recording):
@@ -249,6 +250,14 @@ def test_a_load_cell_whose_zero_is_off_is_told_by_untouched_frames(tmp_path, zer
     assert (imported.frames["force_N"][untouched] == 0.0).all()
 
 
+def test_a_load_cell_whose_zero_jumps_is_told_though_most_report_none(make_recording):
+    draw, recording = np.random.default_rng(3), make_recording(presses=20)
+    force_N = 0.6 * (np.arange(len(recording.frames)) > 0.6 * len(recording.frames))
+    force_N = force_N + 0.02 * draw.normal(size=len(force_N))
+    recording.frames[UNTOUCHED_FORCE] = np.where(recording.frames["touch"], np.nan, force_N)
+    assert "the load cell's zero wanders" in finding(recording, "zero").sentence
+
+
 def test_noise_of_a_load_cell_is_no_zero_that_is_off():
     draw, recording = np.random.default_rng(3), small_recording()
     force_N = 0.05 * draw.normal(size=len(recording.frames))
@@ -256,7 +265,36 @@ def test_noise_of_a_load_cell_is_no_zero_that_is_off():
     assert not check.check(recording).of_topic("zero")
 
 
-def test_dozens_of_steps_are_one_line(make_recording):
+def test_opposite_pairs_read_a_touch_alike_across_the_centre(make_recording):
+    channels = channel_table(16, "opposite", "opposite")
+    recording = make_recording(presses=20, channels=channels)
+    (numbering,) = check.check(recording).of_topic("numbering")
+    assert numbering.severity == FACT
+
+
+@pytest.mark.parametrize(("offset", "noise"), [(0.0, 1.0), (1.0, 1e-4)])
+def test_a_broken_wire_does_not_move_places(make_recording, offset, noise):
+    recording = make_recording(presses=12)
+    uses, draw = (recording.channels == 9).any(axis=1), np.random.default_rng(0)
+    floating = offset * draw.normal(size=len(uses)) + noise * draw.normal(
+        size=recording.voltage.shape
+    )
+    floating[20:] += 0.1 * offset * draw.normal(size=len(uses))
+    voltage = np.where(uses, np.abs(recording.voltage).max() * floating, recording.voltage)
+    report = check.check(replace(recording, voltage=voltage))
+    assert ("without electrode 9" in report.of_topic("order")[0].sentence) == bool(offset)
+    assert report.of_topic("numbering")[0].severity == FACT
+
+
+@pytest.mark.parametrize(
+    ("numbers", "frames", "steady"),
+    [
+        (range(12), [6] * 11 + [9], (66, 74)),
+        # A touch without a label is most of the last part.
+        ((12, *range(11), 12, 11, 12), [12, *[6] * 11, 3, 20, 3], (0, 11)),
+    ],
+)
+def test_dozens_of_steps_are_one_line(make_recording, numbers, frames, steady):
     recording = make_recording(presses=0, noise=1e-4)
     draw, level = np.random.default_rng(0), recording.voltage.mean(axis=0)
     places = 0.6 * np.exp(2j * np.pi * draw.random(12))
@@ -264,12 +302,13 @@ def test_dozens_of_steps_are_one_line(make_recording):
         recording.channels, np.array(recording.skin.electrode_deg), places
     )
     states = level + 0.02 * np.abs(level).mean() * change / np.abs(change).mean()
-    voltage = np.repeat(states, [6] * 11 + [9], axis=0)
+    states = np.vstack([states, level])
+    voltage = np.repeat(states[[*numbers]], frames, axis=0)
     voltage += 1e-4 * np.abs(level).mean() * draw.normal(size=voltage.shape)
-    frames = recording.frames.iloc[np.zeros(len(voltage), int)].reset_index(drop=True)
-    frames = frames.assign(frame=np.arange(len(voltage)), time_s=0.4 * np.arange(len(voltage)))
-    told = finding(replace(recording, frames=frames, voltage=voltage), "steps")
-    assert "steps, the largest from frame" in told.sentence and told.stretch == (66, 74)
+    table = recording.frames.iloc[np.zeros(len(voltage), int)].reset_index(drop=True)
+    table = table.assign(frame=np.arange(len(voltage)), time_s=0.4 * np.arange(len(voltage)))
+    told = finding(replace(recording, frames=table, voltage=voltage), "steps")
+    assert "steps, the largest from frame" in told.sentence and told.stretch == steady
 
 
 def test_touched_frames_with_a_blank_place_are_left_out_and_said(tmp_path):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from eitskin.data import check, importers, recording
 from eitskin.data.channel_order import ORDERS, in_order
 from eitskin.errors import InputError
-from eitskin.physics.protocol import channel_table, every_channel
+from eitskin.physics.protocol import channel_table, every_channel, undriven
 from homogeneous_skin import PHASE, potentials, readings
 
 ADJACENT = {"drive": "adjacent", "measurement": "adjacent"}
@@ -345,6 +345,7 @@ def pattern_frames(n, drive, measure, with_driven, count=2):
         (8, "adjacent", "adjacent"),
         (8, "opposite", "opposite"),
         (16, "opposite", "opposite"),
+        (8, "skip-1", "skip-1"),
         (16, "skip-4", "skip-4"),
         (16, "skip-2", "adjacent"),
         (16, "opposite", "adjacent"),
@@ -360,6 +361,14 @@ def test_a_pattern_is_known_by_the_readings(write, n, drive, measure, with_drive
         f"by the readings {n} electrodes, {drive} drive, measurement {measure}"
         in imported_recording.metadata["source"]
     )
+
+
+def test_numbers_at_driven_electrodes_choose_no_pattern(write):
+    """Zeros there are nearer, by correlation alone, to what another pattern would read of a disc,
+    which takes them for readings."""
+    channels = every_channel(8, "skip-1", "skip-1")
+    values = pattern_frames(8, "skip-1", "skip-1", True) * undriven(channels)
+    refused(write(lines(values), None), "that says what its 64 columns read")
 
 
 def test_readings_of_no_skin_are_not_taken_for_one(write):
@@ -441,6 +450,9 @@ def test_a_reading_a_row(write, first, with_frames):
     np.testing.assert_array_equal(imported_recording.channels, channel_table(8))
     np.testing.assert_allclose(imported_recording.voltage, frames(2))
     assert imported_recording.metadata["unit"] == "ohm"
+    for names in (["src", "sink", "vp", "vn"], ["a", "b", "m", "n"]):
+        unnamed = rows_of_readings(first).set_axis(["frame", *names, "rhoa"], axis=1)
+        refused(write(unnamed.to_csv(index=False), None), f"found {', '.join(names)}, as of a read")
     twice = pd.concat([rows_of_readings(first), rows_of_readings(first).iloc[:1]])
     refused(write(twice.to_csv(index=False), None), "again in frame 0, expected each once")
 
@@ -463,10 +475,17 @@ def test_a_log_of_openeit_alone_and_in_another_table(write):
     merged = "Time,Tag,EIT\n" + "".join(
         f'{k}.5,,"0.00\n{line}\n"\n' for k, line in enumerate(logged)
     )
-    for text in ("\n".join(logged), merged):
+    dated = "timestamp;EIT\n" + "".join(
+        f'2021-03-16 03:37:0{2 * k}.500;"{line}"\n' for k, line in enumerate(logged)
+    )
+    for text, seconds in (("\n".join(logged), None), (merged, 1.0), (dated, 2.0)):
         imported_recording = importers.load(write(text, None, "log.csv"))
         np.testing.assert_allclose(imported_recording.voltage, frames())
         assert "OpenEIT's log" in imported_recording.metadata["source"]
+        is_timed = imported_recording.metadata["clock"] == "measured"
+        assert is_timed == (seconds is not None)
+        times = (seconds or 1.0) * np.arange(3)
+        np.testing.assert_allclose(imported_recording.frames["time_s"], times)
 
 
 @pytest.mark.parametrize("name", ["", "Unnamed: 0"])
@@ -711,6 +730,9 @@ def test_broken_arrays_are_refused(write, tmp_path):
         refused(path, "a damaged or cut file")
     path = write({"a": frames(), "b": frames()}, ADJACENT, "skin.npz")
     refused(path, r"a \(3, 40\), b \(3, 40\), expected one .*, or --array NAME")
+    path = write({"a": frames(), "b": frames()}, None, "skin.npz")
+    refused(path, r"a \(3, 40\), b \(3, 40\), expected one .*, or --array NAME")
+    np.testing.assert_array_equal(importers.load(path, array="b").voltage, frames())
     path.write_bytes(path.read_bytes()[:-40])
     refused(path, "a damaged or cut file")
     np.save(tmp_path / "skin.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)

@@ -13,7 +13,7 @@ HOUSE = Path(__file__).parents[3] / "workflow"
 FLOORS = (  # from the ground up; what stands on one floor does not know each other
     {"errors", "plotting"},
     {"progress", "quantities"},
-    {"atomic", "cores", "fingerprint", "text_file"},
+    {"atomic", "cores", "fingerprint", "text_file", "unfolding"},
     {"figure_files", "pins", "physics"},
     {"schema", "effects"},
     {"yaml_file"},

@@ -22,10 +22,16 @@ ROWS = {  # pages with tables that a command wrote: a line a recording, a case o
 STATED = yaml.safe_load((Path(__file__).parent / "stated.yaml").read_text(encoding="utf-8"))
 NUMBER = r"[0-9][0-9.,·⁻⁰¹²³⁴⁵⁶⁷⁸⁹]*"
 TIME = r"processor|ms\b|s\b|seconds?\b|min(?:utes?)?\b|hours?\b|h\b"
-UNIT = rf"%|\N{{MULTIPLICATION SIGN}}|times\b|{TIME}|[KMG]i?B\b|nats\b"
+WORD = r"(?i:two|three|four|five|six|seven|eight|nine|ten|eleven|twelve|twenty|thirty|hundred)"
+UNIT = rf"%|per ?cent\b|\N{{MULTIPLICATION SIGN}}|times\b|{TIME}|[KMG]i?B\b|nats\b"
 MEASURED = re.compile(
-    rf"(?<![\w.]){NUMBER}(?: to {NUMBER})? (?:{UNIT})"  # a share, a factor, a time, an evidence
-    rf"|(?<![\w.]){NUMBER} of (?:the |its |these )?{NUMBER}"  # a count
+    rf"(?<![\w.]){NUMBER}(?:(?: to |\N{{EN DASH}}|-){NUMBER})? (?:{UNIT})"  # a share, a time
+    rf"|(?<![\w.]){NUMBER}%"
+    rf"|(?<![\w.]){NUMBER} (?:out of|of|in|among) (?:the |its |these )?{NUMBER}"  # a count
+    rf"|(?<![\w./-]){NUMBER}/[0-9]+(?![\w/.-])"
+    rf"|\b(?i:{WORD}|half|third|quarter|tenth) (?:out of|of|in) (?:the |its |these )?{WORD}\b"
+    rf"|\b{WORD} per ?cent\b"
+    rf"|\b[pr] ?[=<>≈] ?{NUMBER}"  # a chance, a correlation
     rf"|± {NUMBER}"
     r"|(?<![\w.])[0-9]+\.[0-9]+ (?:mm|N|mV|µV|V)\b"  # a length, a force, a voltage not whole
     r"|\| \**[\N{MINUS SIGN}+-]?[0-9]+\.[0-9]+[^|]*(?= \|)"  # a table's cell that begins so
@@ -77,6 +83,11 @@ def test_what_is_stated_stands_on_its_page(name):
         "It takes 10.8 s, 2.3 GiB at most.",
         "| named | 93.3 % |",
         "Places are 1.6 times as far off.",
+        "It is right in 83 out of 89, or 83/89.",
+        "Nine of ten were named.",
+        "Three out of four, 75 percent, are right.",
+        "It takes 2\N{EN DASH}3 seconds.",
+        "It is as good as chance (p = 0.03).",
         "An error of 1.20 ± 0.01.",
     ),
 )

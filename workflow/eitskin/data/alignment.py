@@ -98,7 +98,9 @@ def back_projection(projection: np.ndarray, change: np.ndarray) -> np.ndarray:
 def hotspots(recording: Recording, rows: np.ndarray) -> np.ndarray:
     """Hotspots (K,) complex in the unit disc of the touches of frames `rows` (K,).
 
-    NaN readings are skipped. Raises InputError where the electrodes' angles are unknown.
+    NaN readings are skipped. Opposite pairs that measure opposite ones read a touch alike at a
+    place and across the centre from it: in the skin's frame the one nearer to the label is taken.
+    Raises InputError where the electrodes' angles are unknown.
     """
     angles = recording.skin.electrode_deg
     if angles is None:
@@ -111,7 +113,12 @@ def hotspots(recording: Recording, rows: np.ndarray) -> np.ndarray:
     turns = np.exp(2j * np.pi * np.arange(GRID_ANGLES) / GRID_ANGLES)
     places = (GRID_RADII[:, None] * turns[None, :]).ravel()
     projection = sensitivity(channels, np.array(angles), places)
-    return places[np.argmax(np.abs(back_projection(projection, change)), axis=0)]
+    hotspot = places[np.argmax(np.abs(back_projection(projection, change)), axis=0)]
+    across = sensitivity(channels, np.array(angles), -places)
+    if recording.metadata["position_frame"] == "skin" and np.allclose(across, projection):
+        stated = recording.frames[["x_mm", "y_mm"]].to_numpy(float)[rows] @ np.array([1.0, 1.0j])
+        hotspot = np.where((hotspot * np.conj(stated)).real < 0.0, -hotspot, hotspot)
+    return hotspot
 
 
 def strongest_touches(recording: Recording) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 import contextlib
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import chain
+from itertools import chain, product
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from eitskin import unfolding
 from eitskin.atomic import atomic_path
 from eitskin.errors import InputError
 
@@ -98,12 +99,20 @@ def _opened(path: str | Path) -> Iterator[pq.ParquetFile]:
                 stream, page_checksum_verification=True, pre_buffer=False, buffer_size=BUFFER_BYTES
             ) as file,
         ):
+            unfolding.refuse(path, _unfolded_bytes(file.metadata))
             yield file
     except (OSError, pa.ArrowException) as error:
         reason = str(error).splitlines()[0]
         raise InputError(
             path, "file", f"damaged data ({reason})", "a whole Parquet file"
         ) from error
+
+
+def _unfolded_bytes(metadata: pq.FileMetaData) -> int:
+    """Bytes of the columns' pages, or of their values where these are encoded still shorter."""
+    numbers = product(range(metadata.num_row_groups), range(metadata.num_columns))
+    columns = (metadata.row_group(group).column(number) for group, number in numbers)
+    return sum(max(column.total_uncompressed_size, 8 * column.num_values) for column in columns)
 
 
 def lists(values: np.ndarray) -> pa.FixedSizeListArray:

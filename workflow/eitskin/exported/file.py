@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from eitskin import unfolding
 from eitskin.atomic import atomic_path
 from eitskin.data.dataset import TARGETS
 from eitskin.errors import InputError
@@ -52,6 +53,8 @@ def read(path: str | Path) -> Exported:
     """Read and check a file; raises InputError."""
     expected = "an exported predictor"
     try:
+        if zipfile.is_zipfile(path):
+            unfolding.refuse_archive(path)
         with np.load(path, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         header = json.loads(arrays.pop(HEADER).tobytes())

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from eitskin.atomic import atomic_path
 from eitskin.data import subset
-from eitskin.data.check import sentences, suspicions
+from eitskin.data.check import sentences, suspicions, wiring
 from eitskin.data.check.finding import ERROR, FACT, UNOBSERVABLE, WARNING, Check, Finding
 from eitskin.data.check.placeholders import measured
 from eitskin.data.recording import Recording
@@ -45,6 +45,8 @@ EXAMINATIONS = (  # of a recording with readings
     sentences.unobservable,
 )
 
+OF_PLACES = (sentences.places, sentences.numbering)  # without sites whose readings are wrong
+
 ON_ALL_FRAMES = (  # of a recording of any length; others look at a sample of a long one
     suspicions.constant_frames,
     suspicions.unlabelled_touches,
@@ -73,7 +75,11 @@ def check(recording: Recording, progress: bool = False) -> Check:
     for examine in patient(EXAMINATIONS, "checking", progress):
         if examine is sentences.numbering and _is_refuted(findings):
             continue  # then touches light up anywhere
-        findings += examine(recording if examine in ON_ALL_FRAMES else readings)
+        examined = recording if examine in ON_ALL_FRAMES else readings
+        if examine in OF_PLACES:
+            sites = [site for finding in findings for site in finding.sites]
+            examined = wiring.showing_places(examined, sites)
+        findings += examine(examined)
     return Check(tuple(findings))
 
 

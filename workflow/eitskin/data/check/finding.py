@@ -11,7 +11,8 @@ class Finding:
 
     `value` is its number, relative unless the topic's function says otherwise; `remedy` are the
     frames to add for what cannot be observed; `frame` is set for a finding at one frame, `stretch`,
-    the first and the last frame, for one that leaves these to be diagnosed.
+    the first and the last frame, for one that leaves these to be diagnosed; `sites` are electrodes,
+    or pairs of them, whose readings show no places of touches.
     """
 
     topic: str
@@ -21,6 +22,7 @@ class Finding:
     remedy: str | None = None
     frame: int | None = None
     stretch: tuple[int, int] | None = None
+    sites: tuple[tuple[int, ...], ...] = ()
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ MIN_CHANGE_SHARE = 0.6  # of the change before: a contact law F^0.5 leaves a thi
 MIN_FRAMES = 3  # of a press
 MIN_CHANGE_SD = 5.0  # of the change along the press's own, by noise
 LEAST_ZERO_N, ZERO_SDS = 0.02, 3.0  # off 0 in newtons, and in standard errors of the mean
+LEAST_WANDER_N = 0.1  # of half of the frames: what a gel that recovers holds is less
 
 
 def lost_forces(recording: Recording) -> np.ndarray:
@@ -53,12 +54,13 @@ def lost_forces(recording: Recording) -> np.ndarray:
 @dataclass(frozen=True)
 class LoadCellZero:
     """Force that a load cell reports of an untouched skin: the median of some frames, the least and
-    the largest, in N."""
+    the largest, in N; `wanders` where it changes in the session, not by noise."""
 
     median_N: float
     least_N: float
     largest_N: float
     frames: int
+    wanders: bool
 
 
 def load_cell_zero(recording: Recording) -> LoadCellZero | None:
@@ -68,6 +70,17 @@ def load_cell_zero(recording: Recording) -> LoadCellZero | None:
     force = recording.frames[UNTOUCHED_FORCE].dropna().to_numpy(float)
     median = float(np.median(force)) if len(force) else 0.0
     error = float(force.std() / np.sqrt(len(force))) if len(force) else 0.0
-    if abs(median) < max(LEAST_ZERO_N, ZERO_SDS * error):
+    wanders = _wanders(force)
+    if abs(median) < max(LEAST_ZERO_N, ZERO_SDS * error) and not wanders:
         return None
-    return LoadCellZero(median, float(force.min()), float(force.max()), len(force))
+    return LoadCellZero(median, float(force.min()), float(force.max()), len(force), wanders)
+
+
+def _wanders(force: np.ndarray) -> bool:
+    """Whether forces (U,) in their order change from frame to frame less than their spread tells,
+    by the von Neumann ratio."""
+    if len(force) < baseline.MIN_NOISE_FRAMES:
+        return False
+    is_smooth = (np.diff(force) ** 2).mean() < baseline.MAX_NEUMANN * force.var()
+    spread = np.subtract(*np.quantile(force, [0.75, 0.25]))
+    return bool(is_smooth and spread > LEAST_WANDER_N)

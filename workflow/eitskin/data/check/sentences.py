@@ -386,7 +386,7 @@ def channel_order(recording: Recording) -> list[Finding]:
             f"{best:.2f} overall instead of {overall:.2f}), so it is the skin or the instrument "
             "that breaks it, not the order."
         )
-    return [Finding("order", order.severity, sentence, overall)]
+    return [Finding("order", order.severity, sentence, overall, sites=order.faults)]
 
 
 def _in_words(misfit: Misfit) -> str:

@@ -2,8 +2,6 @@
 to its findings, which are empty where nothing looks wrong.
 """
 
-from itertools import pairwise
-
 import numpy as np
 
 from eitskin.data.check import (
@@ -24,7 +22,7 @@ from eitskin.data.check.finding import ERROR, WARNING, Finding
 from eitskin.data.recording import Recording
 from eitskin.quantities import MINUS, listed, percent
 
-MAX_STEPS = 5  # told one by one: more are no mishap of a recording
+MAX_TOLD = 5  # steps or touches, one by one: more are no mishap of a recording
 
 
 def units(recording: Recording) -> list[Finding]:
@@ -131,9 +129,12 @@ def load_cell_zero(recording: Recording) -> list[Finding]:
     median_text, low_text, high_text = (f"{v:.2f}".replace("-", MINUS) for v in values)
     spread = "" if low_text == high_text else f" ({low_text} to {high_text} N)"
     frames = "1 untouched frame reports" if zero.frames == 1 else "untouched frames report"
+    fault, remedy = "is off", "Subtract it, or tare the load cell before each session"
+    if zero.wanders:
+        fault, remedy = "wanders", "Subtract that of the untouched frames beside each touch"
     sentence = (
-        f"{frames} {median_text} N{spread}: the load cell's zero is off, and the forces of"
-        " touches probably as much. Subtract it, or tare the load cell before each session."
+        f"{frames} {median_text} N{spread}: the load cell's zero {fault}, and the forces of"
+        f" touches probably as much. {remedy}."
     )
     return [Finding("zero", WARNING, sentence, zero.median_N)]
 
@@ -165,17 +166,27 @@ def unseen_touches(recording: Recording) -> list[Finding]:
 
 def unlabelled_touches(recording: Recording) -> list[Finding]:
     """Stretches of frames, labelled untouched, that hold a touch (value: their frames)."""
-    findings = []
-    for first, last in unlabelled.unlabelled_touches(recording):
-        sentence = (
-            f"in {unlabelled.stretch_text((first, last))} somebody touched the skin although no"
-            " label tells: the readings leave the level of the untouched frames as a touch makes"
-            " them, and come back to it. A diagnosis leaves these frames out."
+    stretches = unlabelled.unlabelled_touches(recording)
+    if len(stretches) > MAX_TOLD:
+        frames = np.concatenate([np.arange(first, last + 1) for first, last in stretches])
+        told = [(f"{len(stretches)} times, in {naming.frames(frames)},", frames[0], len(frames))]
+    else:
+        told = [
+            (f"in {unlabelled.stretch_text((first, last))}", first, last - first + 1)
+            for first, last in stretches
+        ]
+    return [
+        Finding(
+            "unlabelled",
+            WARNING,
+            f"{place} somebody touched the skin although no label tells: the readings leave the"
+            " level of the untouched frames as a touch makes them, and come back to it. A diagnosis"
+            " leaves these frames out.",
+            float(count),
+            frame=int(first),
         )
-        findings.append(
-            Finding("unlabelled", WARNING, sentence, float(last - first + 1), frame=first)
-        )
-    return findings
+        for place, first, count in told
+    ]
 
 
 def second_touch(recording: Recording) -> list[Finding]:
@@ -234,17 +245,16 @@ def steps_in_time(recording: Recording) -> list[Finding]:
     if not recording.frames["touch"].any():
         cause += ", or a touch that the file does not tell"
     all_steps = steps.steps(recording)
-    if len(all_steps) > MAX_STEPS:
+    if len(all_steps) > MAX_TOLD:
         largest = max(all_steps, key=lambda step: step.size)
-        bounds = pairwise([0, *(step.frame for step in all_steps), len(recording.frames)])
-        first, end = max(bounds, key=lambda ends: ends[1] - ends[0])
+        first, last = _steady_part(recording, [step.frame for step in all_steps])
         sentence = (
             f"{len(all_steps)} steps, the largest from frame {largest.frame} on: an object or a"
             " touch that the file does not tell, or a wire that moved, again and again. The longest"
-            f" part without one: {unlabelled.stretch_text((first, end - 1))}."
+            f" part without one: {unlabelled.stretch_text((first, last))}."
         )
         count = float(len(all_steps))
-        return [Finding("steps", WARNING, sentence, count, stretch=(first, end - 1))]
+        return [Finding("steps", WARNING, sentence, count, stretch=(first, last))]
     for step in all_steps:
         previous_frame, next_frame = step.between
         sentence = f"the untouched readings change for good from frame {step.frame} on"
@@ -261,6 +271,17 @@ def steps_in_time(recording: Recording) -> list[Finding]:
             sentence += f", most in {rows}: the skin or the setup changed, or a cut"
         findings.append(Finding("step", WARNING, f"{sentence}.", step.size, frame=step.frame))
     return findings
+
+
+def _steady_part(recording: Recording, first_rows: list[int]) -> tuple[int, int]:
+    """First and last row of the part between steps that has most frames in which nobody touched
+    without a label; it begins and ends with such frames."""
+    labelled_rows = np.arange(len(recording.frames))
+    for first, last in unlabelled.unlabelled_touches(recording):
+        labelled_rows = labelled_rows[(labelled_rows < first) | (labelled_rows > last)]
+    parts = np.split(labelled_rows, np.searchsorted(labelled_rows, first_rows))
+    longest = max(parts, key=len)
+    return int(longest[0]), int(longest[-1])
 
 
 def _times(factor: float) -> str:

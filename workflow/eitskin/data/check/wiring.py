@@ -2,7 +2,8 @@
 the electrodes' numbers.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,6 +39,7 @@ MIN_CHANNELS = 8  # fewer show no direction
 MAX_FAULTY = 2  # electrodes, or pairs of them, without which the others keep reciprocity
 MIN_PRESSES, MAX_PRESSES = 4, 500  # whose places are compared with hotspots
 MAX_PLACE_RADII = 0.1  # from a hotspot to its place: a grid step, and a probe beside it
+MAX_LOUDNESS = 30.0  # noise, over that of quieter channels: a touch is hardly seen beside it
 MIN_KEPT_PAIRS = 5  # reciprocal pairs that are left then
 
 
@@ -146,19 +148,12 @@ def _faults(
     with it. None where nothing does."""
     pairs, signs = reciprocal_channels(recording.channels)
     signs = signs if signed else np.ones(len(signs))
-    ends = np.sort(recording.channels[pairs[:, 0]].reshape(-1, 2, 2), axis=2)
+    ends = recording.channels[pairs[:, 0]].reshape(-1, 2, 2)
     electrodes = [(electrode,) for electrode in range(recording.n_electrodes)]
-    couples = [tuple(couple) for couple in np.unique(ends.reshape(-1, 2), axis=0).tolist()]
+    couples = [tuple(couple) for couple in np.unique(np.sort(ends.reshape(-1, 2)), axis=0).tolist()]
     solutions = []
     for sites in (electrodes, couples):
-        takes_part = np.array(
-            [
-                (ends == site[0]).any(axis=(1, 2))
-                if len(site) == 1
-                else (ends == np.array(site)).all(axis=2).any(axis=1)
-                for site in sites
-            ]
-        )
+        takes_part = np.array([_takes_part(ends, site) for site in sites])
         is_kept, faults = np.ones(len(pairs), bool), []
         for _ in range(MAX_FAULTY):
             misfits = [
@@ -172,6 +167,30 @@ def _faults(
                 solutions.append((int(is_kept.sum()), tuple(sorted(faults))))
                 break
     return max(solutions, key=lambda solution: solution[0])[1] if solutions else ()
+
+
+def _takes_part(ends: np.ndarray, site: tuple[int, ...]) -> np.ndarray:
+    """(M,) bool: whether an electrode, or a pair as such, drives or measures in channels of `ends`
+    (M, 2, 2), pairs of drive and measurement."""
+    if len(site) == 1:
+        return np.asarray((ends == site[0]).any(axis=(1, 2)))
+    return np.asarray((np.sort(ends, axis=2) == np.sort(site)).all(axis=2).any(axis=1))
+
+
+def showing_places(recording: Recording, sites: Sequence[tuple[int, ...]]) -> Recording:
+    """A recording with NaN in the channels that show no places of touches: those in which `sites`,
+    electrodes or pairs of them as such, take part, and those of noise above MAX_LOUDNESS."""
+    ends = recording.channels.reshape(-1, 2, 2)
+    variance = reading_variance(recording)
+    usual = np.quantile(variance, 0.25)  # half of eight electrodes' channels use each of them
+    is_out = (variance > MAX_LOUDNESS**2 * usual) & (usual > 0.0)
+    for site in sites:
+        is_out |= _takes_part(ends, site)
+    return (
+        recording
+        if not is_out.any()
+        else replace(recording, voltage=np.where(is_out, np.nan, recording.readings))
+    )
 
 
 def _pair_misfit(

@@ -6,13 +6,17 @@ numbers. A comma within a number is the decimal point where semicolons, tabs or 
 numbers. Complex numbers are a+bi or (a+bj).
 
 Boards write two other layouts: a frame over several lines, with a word in the line before each, and
-OpenEIT's log, `magnitudes : ...`, alone or in the cells of another table, of which nothing else is
-read. A workbook of Excel is read by its first sheet where openpyxl is installed.
+OpenEIT's log, `magnitudes : ...`, alone or in the cells of another table, of which its column of
+times is read, nothing else. A workbook of Excel is read by its first sheet where openpyxl is
+installed.
 """
 
+import csv
 import math
 import re
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +28,7 @@ from eitskin.progress import patient
 
 LOST = ("", "nan", "na", "null", "none")
 MAX_DRIVE_NUMBERS = 32  # one an electrode
+TIMES = ("time", "time_s", "t", "timestamp", "date", "datetime")  # names of a log's column
 LOGGED = re.compile(r"\bmagnitudes\s*:([^\"\n]*)", re.IGNORECASE)
 
 
@@ -116,7 +121,14 @@ def read(path: Path) -> Cells:
         if comma and "." in line and any(is_number(cell, False) for cell in row if "." in cell):
             expected = "decimal points or decimal commas throughout"
             raise InputError(path, f"line {number_}", "both", expected)
-    remark = "OpenEIT's log, of which the magnitudes alone are read" if logged else ""
+    remark = ""
+    if logged:
+        remark = "OpenEIT's log, of which the magnitudes alone are read"
+        times = _log_times(text)
+        if len(times) == len(rows) and (np.diff(times) > 0.0).all():
+            remark = "OpenEIT's log, of which times and magnitudes alone are read"
+            names = ["time_s", *map(str, range(width))]
+            rows = [[repr(time), *row] for time, row in zip(times, rows, strict=True)]
     return Cells(path, names, rows, [number_ for number_, _ in lines], comma, remark)
 
 
@@ -154,6 +166,34 @@ def is_number(cell: str, comma: bool) -> bool:
     except ValueError:
         return False
     return True
+
+
+def _log_times(text: str) -> list[float]:
+    """Seconds of the rows of a table whose cells hold a log; none without a column of times.
+
+    Times are numbers, in seconds, or of ISO 8601.
+    """
+    head = text.partition("\n")[0]
+    names = [cell.strip(' "').lower() for cell in head.split(_separator(head))]
+    column = next((k for k, name in enumerate(names) if name in TIMES), None)
+    if column is None or LOGGED.search(head):
+        return []
+    try:
+        table = list(csv.reader(StringIO(text), delimiter=_separator(head) or " "))
+        times = [row[column] for row in table if any(map(LOGGED.search, row))]
+        return [_seconds(time.strip()) for time in times]
+    except (csv.Error, IndexError, ValueError):
+        return []
+
+
+def _seconds(time: str) -> float:
+    """A number of seconds, or the seconds since 1970 of a time of ISO 8601, UTC where it has no
+    zone; raises ValueError for others."""
+    try:
+        return float(time)
+    except ValueError:
+        moment = datetime.fromisoformat(time)
+        return moment.replace(tzinfo=moment.tzinfo or UTC).timestamp()
 
 
 def _joined(

@@ -6,12 +6,14 @@ no such mark) is read by scipy; version 7.3 is HDF5, which is not read here.
 
 from collections.abc import Iterator
 from io import BytesIO
+from math import prod
 from pathlib import Path
 
 import numpy as np
 import scipy.io
 import scipy.sparse
 
+from eitskin import unfolding
 from eitskin.data.importers import matlab_tags
 from eitskin.data.importers.array_choice import shapes
 from eitskin.errors import InputError
@@ -43,7 +45,7 @@ def arrays(path: Path) -> dict[str, np.ndarray]:
     data = path.read_bytes()
     try:
         level_5 = scipy.io.matlab.matfile_version(BytesIO(data))[0] == 1
-        if level_5 and not matlab_tags.is_consistent(data):
+        if level_5 and not matlab_tags.is_consistent(path, data):
             raise InputError(path, "file", fault, RESAVED)
         content = scipy.io.loadmat(BytesIO(data))
     except InputError:
@@ -51,7 +53,11 @@ def arrays(path: Path) -> dict[str, np.ndarray]:
     except Exception as error:  # scipy raises whatever a damaged file leads it to
         raise InputError(path, "file", fault, RESAVED) from error
     variables = {name: value for name, value in content.items() if not name.startswith("__")}
-    return {name: array for key, value in variables.items() for name, array in _numeric(key, value)}
+    return {
+        name: array
+        for key, value in variables.items()
+        for name, array in _numeric(path, key, value)
+    }
 
 
 def has_arrays(path: Path, names: tuple[str, ...]) -> bool:
@@ -70,8 +76,9 @@ def named_arrays(path: Path, names: tuple[str, ...]) -> list[np.ndarray]:
     return [file_arrays[name] for name in names]
 
 
-def _numeric(name: str, value: object) -> Iterator[tuple[str, np.ndarray]]:
+def _numeric(path: Path, name: str, value: object) -> Iterator[tuple[str, np.ndarray]]:
     if isinstance(value, scipy.sparse.csc_array | scipy.sparse.csc_matrix):
+        unfolding.refuse(path, value.dtype.itemsize * prod(value.shape))
         value = value.toarray()
     if not isinstance(value, np.ndarray):
         return
@@ -80,8 +87,8 @@ def _numeric(name: str, value: object) -> Iterator[tuple[str, np.ndarray]]:
             numbered = name if value.size == 1 else f"{name}({k + 1})"
             if value.dtype.names:
                 for field in value.dtype.names:
-                    yield from _numeric(f"{numbered}.{field}", element[field])
+                    yield from _numeric(path, f"{numbered}.{field}", element[field])
             else:
-                yield from _numeric(numbered, element)
+                yield from _numeric(path, numbered, element)
     elif value.dtype.kind in "iufc":
         yield name, value

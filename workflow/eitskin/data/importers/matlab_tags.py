@@ -8,34 +8,54 @@ reader takes types on trust, and one that does not exist ends the process.
 import struct
 import zlib
 from collections.abc import Iterator
+from pathlib import Path
+
+from eitskin import unfolding
 
 HEADER, MARK = 128, slice(126, 128)
 ARRAY, COMPRESSED = 14, 15
 VALUES = frozenset((1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18))
 OF_VALUES = range(4, 16)  # classes of arrays that hold no others
 FLAGS = 6
+PIECE_BYTES = 1 << 14  # of compressed data, looked at together: 16 MiB unfolded at most
 SMALL = 4  # bytes of data that fit into a tag
 
 
-def is_consistent(content: bytes) -> bool:
+def is_consistent(path: Path, content: bytes) -> bool:
     """Whether every element has a valid type, is where its type may be, and ends within its
-    parent."""
+    parent.
+
+    Raises InputError naming `path` where compressed ones unfold to too much.
+    """
     order = {b"IM": "<", b"MI": ">"}.get(content[MARK])
+    size = 0
     try:
-        return order is not None and _arrays(memoryview(content)[HEADER:], order)
+        if order is None:
+            return False
+        for kind, data in _elements(memoryview(content)[HEADER:], order):
+            if kind == COMPRESSED:
+                for unfolded in _unfolded_sizes(data):
+                    size += unfolded
+                    unfolding.refuse(path, size)
+                if not _arrays(memoryview(zlib.decompress(data)), order):
+                    return False
+            elif kind != ARRAY or not _array(data, order):
+                return False
+        return True
     except (struct.error, zlib.error, RecursionError, ValueError):
         return False
 
 
+def _unfolded_sizes(data: memoryview) -> Iterator[int]:
+    """The bytes to which each piece of compressed data unfolds."""
+    unfolder = zlib.decompressobj()
+    for start in range(0, len(data), PIECE_BYTES):
+        yield len(unfolder.decompress(data[start : start + PIECE_BYTES]))
+
+
 def _arrays(content: memoryview, order: str) -> bool:
-    """Whether the content consists of arrays, compressed or not."""
-    for kind, data in _elements(content, order):
-        if kind == COMPRESSED:
-            if not _arrays(memoryview(zlib.decompress(data)), order):
-                return False
-        elif kind != ARRAY or not _array(data, order):
-            return False
-    return True
+    """Whether the content consists of arrays."""
+    return all(kind == ARRAY and _array(data, order) for kind, data in _elements(content, order))
 
 
 def _array(content: memoryview, order: str) -> bool:

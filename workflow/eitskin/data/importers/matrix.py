@@ -23,7 +23,7 @@ import numpy as np
 import pandas as pd
 
 from eitskin.data import subset
-from eitskin.data.importers import bare_vectors, matrix_table, protocol_search
+from eitskin.data.importers import bare_vectors, matrix_table, named_columns, protocol_search
 from eitskin.data.importers.bare_vectors import GROUND, Layout
 from eitskin.data.importers.description import describe
 from eitskin.data.importers.matrix_description import (
@@ -62,23 +62,27 @@ def matches(path: Path) -> bool:
 
 
 def accepts(path: Path) -> bool:
-    """Whether a file without a description holds a matrix that says its channels itself.
+    """Whether a file without a description is one of NumPy's, which `load` reads or refuses, or
+    holds a matrix that says its channels itself.
 
     Raises InputError, with a proposal, for one that does not, and for a broken table.
     """
     if not path.is_file():
         return False
+    if is_numpy(path):
+        return True
     try:
         table = _unwrapped(matrix_table.read(path, {}), None)
     except InputError:
-        if is_numpy(path) or is_workbook(path) or path.suffix.lower() in TABLE_SUFFIXES:
+        if is_workbook(path) or path.suffix.lower() in TABLE_SUFFIXES:
             raise
         return False
     rows, width = table.readings.shape
     if table.channels is not None or protocol_search.protocol_of(table.readings) is not None:
         return True
-    if width >= MIN_COLUMNS or is_numpy(path) or common_protocol(rows) is not None:
+    if width >= MIN_COLUMNS or common_protocol(rows) is not None:
         raise missing_description(path, (rows, width), table.names)
+    named_columns.refuse_unnamed_rows(path, table.names, table.readings)
     return False
 
 

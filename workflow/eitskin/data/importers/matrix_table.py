@@ -4,12 +4,14 @@ One column of numbers, or an array of one dimension, is one frame. A column with
 counts the rows is left out, columns of words are notes.
 """
 
+import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from eitskin import unfolding
 from eitskin.data.importers import array_choice, delimited, named_columns
 from eitskin.data.importers.matrix_description import LABELS, description_path, labels_path
 from eitskin.data.recording import NOTE
@@ -143,9 +145,13 @@ def _column(path: Path, name: str, column: object, width: int) -> int:
 
 def _from_numpy(path: Path, columns: dict, choice: str | None) -> Table:
     try:
+        if zipfile.is_zipfile(path):
+            unfolding.refuse_archive(path)
         with path.open("rb") as stream:
             content = np.load(stream, allow_pickle=False)
             arrays = dict(content) if hasattr(content, "files") else {"": content}
+    except InputError:
+        raise
     except Exception as error:  # numpy raises whatever a damaged file leads it to
         violation = "a damaged or cut file, or one of objects"
         raise InputError(path, "file", violation, "arrays of numbers, .npy or .npz") from error

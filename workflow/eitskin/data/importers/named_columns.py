@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from eitskin.errors import InputError
+from eitskin.physics.skin import MAX_ELECTRODES
 
 PARTS = {
     "magnitude": r"magnitude|mag|abs|amplitude|ampl?",
@@ -92,6 +93,30 @@ def is_row_a_reading(names: list[str]) -> bool:
     """Whether columns name the electrodes of one reading."""
     lower = [name.lower() for name in names]
     return {*ELECTRODES} <= {*lower} and any(name in READINGS for name in lower)
+
+
+def refuse_unnamed_rows(path: Path, names: list[str], values: np.ndarray) -> None:
+    """Raise InputError for a table (R, C) that seems to have a reading a row, but whose columns'
+    names do not tell its electrodes, or its reading."""
+    lower = [name.lower() for name in names]
+    if {*ELECTRODES} <= {*lower}:
+        columns = [lower.index(name) for name in ELECTRODES]
+    else:
+        whole = (values == np.round(values)).all(axis=0) & (np.abs(values) <= MAX_ELECTRODES).all(0)
+        columns = [k for k, name in enumerate(lower) if whole[k] and name not in FRAMES]
+        if len(columns) != len(ELECTRODES):
+            return
+    a, b, m, n = values[:, columns].T
+    if (a == b).any() or (m == n).any():
+        return
+    electrodes = ", ".join(names[k] for k in columns)
+    others = ", ".join(name for k, name in enumerate(names) if k not in columns)
+    found = f"{electrodes}, as of a reading a row, and {others}"
+    expected = (
+        "electrodes named a, b (drive), m, n (measurement), and the reading r (ohm) or u (V); an"
+        " apparent resistivity over its geometric factor"
+    )
+    raise InputError(path, "columns", found, expected)
 
 
 def frames_of_rows(

@@ -1,7 +1,9 @@
 """The drive and measurement pattern of frames of which nobody says it, by the readings themselves.
 
 Each pattern of as many channels lets a homogeneous disc read something else. The one whose sizes
-correlate with the readings' is taken where it does so clearly and no other comes near.
+leave least of the readings' unexplained, up to a factor, is taken where they correlate clearly and
+no other comes near. (By correlation alone, readings at driven electrodes, which are large, would
+choose: a pattern that takes them for others' nearest.)
 """
 
 from collections.abc import Iterator
@@ -20,8 +22,10 @@ from eitskin.physics.geometry import even_angles
 RINGS = (8, 16, 32)  # of common boards
 TURNING = "drive-plus-ascending-own"  # EIDORS `rotate_meas`, pyEIT `fmmu`, and many boards
 MIN_EXTREME_SHARE = 0.75  # of drives whose own electrodes have the extreme potentials
-MIN_CORRELATION = 0.9  # tanks and gels: 0.95 and more in the right pattern
+MIN_CORRELATION = 0.8  # tanks and gels: 0.95 and more in the right pattern
 RIVAL_FACTOR = 2.0  # of what the best pattern leaves unexplained: a rival within it is as good
+LEAST_UNEXPLAINED = 1e-9  # rounding: patterns of which one is another's reciprocal are alike
+NOTHING = 0.0, 1.0  # correlation, and the share unexplained, of a pattern that cannot be
 
 
 @dataclass(frozen=True)
@@ -44,18 +48,13 @@ class Protocol:
 
 def protocol_of(frames: np.ndarray, n_electrodes: int | None = None) -> Protocol | None:
     """The protocol by which frames (F, width) read as a skin does; None where none clearly does."""
-    scores = [
-        (_correlation(frames, protocol.layout), protocol)
-        for protocol in _protocols(frames.shape[1], n_electrodes)
-    ]
-    if not scores:
+    protocols = _protocols(frames.shape[1], n_electrodes)
+    if not protocols:
         return None
-    best, protocol = max(scores, key=lambda score: score[0])
-    rivals = [score for score, other in scores if other is not protocol]
-    unexplained = 1.0 - best
-    if best < MIN_CORRELATION or any(1.0 - rival < RIVAL_FACTOR * unexplained for rival in rivals):
-        return None
-    return protocol
+    correlation, unexplained = np.array([_fit(frames, item.layout) for item in protocols]).T
+    best, *rivals = np.argsort(unexplained, kind="stable")
+    is_alone = (unexplained[rivals] >= RIVAL_FACTOR * unexplained[best]).all()
+    return protocols[best] if is_alone and correlation[best] >= MIN_CORRELATION else None
 
 
 def common_protocol(width: int, n_electrodes: int | None = None) -> Protocol | None:
@@ -97,19 +96,22 @@ def _patterns(n_electrodes: int) -> list[tuple[str, str]]:
     return [*equal_steps, *other_steps, *((drive, GROUND) for drive in steps)]
 
 
-def _correlation(frames: np.ndarray, layout: Layout) -> float:
-    """Correlation of the sizes of mean readings with those of a homogeneous disc."""
+def _fit(frames: np.ndarray, layout: Layout) -> tuple[float, float]:
+    """Correlation of the sizes of mean readings with those of a homogeneous disc, and the share of
+    their square that is left when these, times a factor, are taken out."""
     if layout.subtrahends is not None and not _are_potentials(frames, layout):
-        return 0.0
+        return NOTHING
     values = np.abs(layout.readings(frames))
     is_read = np.isfinite(values)
     counts = np.maximum(is_read.sum(axis=0), 1)
     reading = np.where(is_read, values, 0.0).sum(axis=0) / counts
     disc = np.abs(alignment.homogeneous_readings(layout.channels, even_angles(layout.n_electrodes)))
     is_usable = is_read.any(axis=0) & np.isfinite(disc)
-    if is_usable.sum() < 3 or not np.ptp(reading[is_usable]) or not np.ptp(disc[is_usable]):
-        return 0.0
-    return float(np.corrcoef(reading[is_usable], disc[is_usable])[0, 1])
+    reading, disc = reading[is_usable], disc[is_usable]
+    if is_usable.sum() < 3 or not np.ptp(reading) or not np.ptp(disc):
+        return NOTHING
+    explained = (reading @ disc) ** 2 / ((reading @ reading) * (disc @ disc))
+    return float(np.corrcoef(reading, disc)[0, 1]), max(float(1.0 - explained), LEAST_UNEXPLAINED)
 
 
 def _are_potentials(frames: np.ndarray, layout: Layout) -> bool:

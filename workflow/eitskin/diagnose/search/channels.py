@@ -38,7 +38,7 @@ def scores(tangents: Tangents, dense: Candidate) -> list[Score]:
         single = sparse(dense, (int(dense.site_indices[k]),))
         scored.append(Score(single, float(gain[k]), 1, float(evidence[k] - np.log(single.looks))))
     best, subset = -np.inf, order[:0]
-    for size in range(2, MOST_SITES + 1):
+    for size in range(2, min(MOST_SITES, count) + 1):
         total = evidence[order[:size]].sum()
         if total - log_subset_count(count, size) <= best:
             break
