@@ -75,7 +75,7 @@ use rule train_predictor as ablation_predictor with:
 
 rule ablation_choice:
     input:
-        lambda wildcards: expand(
+        errors=lambda wildcards: expand(
             f"{ABLATION}/{{setting}}/{{model}}.csv", setting=GRIDS[wildcards.size], **wildcards
         ),
     output:
@@ -221,7 +221,7 @@ rule ablation:
 
 rule tuning:
     input:
-        [
+        errors=[
             f"{ABLATION}/{{setting}}/{{model}}.csv".format(**one, budget=config["budget"])
             for one in TUNING
         ],

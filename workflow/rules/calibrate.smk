@@ -72,7 +72,7 @@ CALIBRATION_FIGURES = {
 
 rule calibration_figures:
     input:
-        expand(
+        tables=expand(
             "results/calibration/{block}/{file}.csv",
             block=config["calibration"]["block"],
             file=["confusion", "other_calibration"],

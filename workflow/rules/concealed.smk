@@ -139,7 +139,7 @@ for block, number, cases in numbered(UNFITTED):
 
 rule commit_truths:
     input:
-        lambda wildcards: expand(
+        batches=lambda wildcards: expand(
             "results/concealed/{block}/batches/{number:03d}.json",
             block=wildcards.block,
             number=range(len(case_batches(BLOCKS[wildcards.block]["cases"], CONCEALED["batch"]))),
@@ -279,7 +279,7 @@ rule concealed_score:
 
 rule concealed_figures:
     input:
-        expand("results/concealed/{{block}}/score/{name}.csv", name=SCORE_FIGURES),
+        tables=expand("results/concealed/{{block}}/score/{name}.csv", name=SCORE_FIGURES),
     output:
         [
             report(

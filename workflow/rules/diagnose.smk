@@ -65,7 +65,7 @@ use rule diagnose as diagnose_with_query with:
         schema=ancient(local(SCHEMA)),
         recording=rules.import_recording.output[0],
         usable=rules.check.output[0],
-        query=lookup(dpath="recordings/{recording}/query", within=config),
+        query=of_recording("query"),
     output:
         diagnosis="results/diagnosis/{recording}/diagnosis.json",
         effects="results/diagnosis/{recording}/effects.yaml",
@@ -85,7 +85,7 @@ rule diagnosis_report:
         diagnosis="results/diagnosis/{recording}/diagnosis.json",
         effects="results/diagnosis/{recording}/effects.yaml",
         predicted=branch(
-            lookup(dpath="recordings/{recording}/query", within=config, default=None),
+            of_recording("query"),
             then="results/diagnosis/{recording}/predicted.parquet",
         ),
         evidence=expand(

@@ -25,7 +25,7 @@ rule held_out_pairs:
 
 rule tanks:
     input:
-        expand("results/diagnosis/{recording}/held_out_pairs.csv", recording=config["tanks"]),
+        tables=expand("results/diagnosis/{recording}/held_out_pairs.csv", recording=config["tanks"]),
     output:
         "results/diagnosis/tanks.csv",
     log:

@@ -58,8 +58,8 @@ rule import_recording:
             key: config["recordings"][wildcards.recording].get(key)
             for key in ("format", "order", "drive", "measure")
         },
-        skin=lookup(dpath="recordings/{recording}/skin", within=config, default=None),
-        frames=lookup(dpath="recordings/{recording}/frames", within=config, default=None),
+        skin=of_recording("skin"),
+        frames=of_recording("frames"),
         code=lambda wildcards: fingerprint(
             "import_recording", importers.readers(*READ_FROM[wildcards.recording])
         ),

@@ -63,7 +63,7 @@ rule transfer_references:
 
 rule transfer:
     input:
-        expand(
+        errors=expand(
             f"{TRANSFER}/{{source}}/{{recording}}.csv",
             budget=config["budget"],
             model=config["transfer"]["models"],

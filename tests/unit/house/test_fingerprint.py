@@ -11,6 +11,7 @@ import pytest
 from eitskin import fingerprint as subject
 from eitskin.data import importers
 from eitskin.effects import catalogue_names, modules
+from eitskin.learn.models import MODELS
 
 ROOT = Path(__file__).parents[3]
 SCRIPTS = sorted(path.stem for path in (ROOT / "workflow" / "scripts").glob("*.py"))
@@ -146,7 +147,7 @@ print(json.dumps([name for name in sys.modules if name.split(".")[0] in tops]))
 
 FOUND = {  # by what finds it by name
     "eitskin.effects": modules(catalogue_names()),
-    "eitskin.learn.models": ["eitskin.learn.networks"],
+    "eitskin.learn.models": [model.module for model in MODELS.values()],
     "eitskin.data.importers": importers.modules(),
 }
 

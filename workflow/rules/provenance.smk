@@ -1,0 +1,98 @@
+# A job runs where its provenance would be another, or a product is missing; no time of a file and
+# nothing that Snakemake remembers is a reason. Snakemake is told so by one more input of every job,
+# its planned provenance, which is newer than the products then; and by `ancient`, the flag of all
+# inputs of a job that need not run.
+from functools import cache
+
+from snakemake.io import is_flagged
+from snakemake.output_index import OutputIndex
+
+from eitskin import provenance
+
+PROVENANCES = {}  # of all jobs of this plan, by rule and wildcards
+OURS = {maker for maker in workflow.rules if maker.name not in OTHERS and maker.script}
+# What has no fingerprint is made anew on request alone.
+RECORDED = {maker for maker in OURS if not IN_STORAGE and "code" in maker.params.keys()}
+INPUTS = {maker: maker.expand_input for maker in OURS}
+
+
+def planned_path(maker, wildcards):
+    """The path of the planned provenance of a job, which is named as its log."""
+    log = maker.log[0].apply_wildcards(wildcards)
+    return provenance.planned_path(log.rpartition("logs/")[2].removesuffix(".log"))
+
+
+def provenance_of(maker, wildcards):
+    """The provenance of what a job makes."""
+    job = maker.name, *sorted(wildcards.items())
+    if job not in PROVENANCES:
+        PROVENANCES[job] = ""  # a param itself, while all are listed
+        planned = planned_path(maker, wildcards)
+        files = INPUTS[maker](wildcards)[0]
+        products = maker.expand_output(wildcards)[0]
+        values = dict(maker.expand_params(wildcards, files, products, None)[0].items())
+        code = values.pop("code", "")
+        values.pop("provenance", None)
+        if code:
+            provenance.plan_code(code, fingerprinted(code))
+        PROVENANCES[job] = provenance.text(
+            maker.name,
+            values,
+            code,
+            {str(file): digest_of(file) for file in files if file != planned},
+            map(str, products),
+        )
+    return PROVENANCES[job]
+
+
+def digest_of(file):
+    """The digest of the provenance of a file, planned or, where no rule makes it any more, recorded;
+    of a file that none has made, of its bytes."""
+    makers = sorted(output_index().match_producers(file) & OURS)
+    if makers:
+        return provenance.digest(provenance_of(makers[0], makers[0].get_wildcards(file)))
+    return provenance.recorded_digests().get(file) or provenance.digest_of_file(file)
+
+
+@cache
+def output_index():
+    return OutputIndex(workflow.rules)
+
+
+def is_made(maker, wildcards):
+    """Whether the products of a job are there, of the provenance that is planned by this."""
+    planned = planned_path(maker, wildcards)
+    text = provenance_of(maker, wildcards)
+    products = maker.expand_output(wildcards)[0]
+    lasting = [str(file) for file in products if not is_flagged(file, "temp")]
+    return provenance.plan(planned, text, lasting)
+
+
+def planned_by(maker):
+    """An input function: the planned provenance of a job."""
+    return lambda wildcards: planned_path(maker, dict(wildcards.items()))
+
+
+def text_by(maker):
+    """A param that Snakemake does not track, as it takes the input: the provenance of a job."""
+    return lambda wildcards, input: provenance_of(maker, dict(wildcards.items()))
+
+
+def inputs_by(maker):
+    """The inputs of a job, `ancient` where it is made."""
+
+    def expand_input(wildcards, groupid=None):
+        expanded = INPUTS[maker](wildcards, groupid)
+        if workflow.is_main_process:
+            made = is_made(maker, wildcards)
+            for file in expanded[0]:
+                file.flags["ancient"] = made
+        return expanded
+
+    return expand_input
+
+
+for maker in RECORDED:
+    maker.set_input(provenance=planned_by(maker))
+    maker.set_params(provenance=text_by(maker))
+    maker.expand_input = inputs_by(maker)
