@@ -373,6 +373,19 @@ def _rig_names(config: dict) -> list[str]:
     return [config["rig"]["name"]] if "rig" in config else []
 
 
+def any_of(names: Iterable[str]) -> str:
+    """A regular expression of these names alone, of none one that matches nothing. It is decided
+    letter by letter: alternatives take as long as there are names."""
+    if not (names := set(names)):
+        return "(?!)"
+    rests: dict[str, list[str]] = {}
+    for name in sorted(names - {""}):
+        rests.setdefault(name[0], []).append(name[1:])
+    branches = [re.escape(letter) + any_of(rest) for letter, rest in rests.items()]
+    branches += [""] * ("" in names)
+    return branches[0] if len(branches) == 1 else f"(?:{'|'.join(branches)})"
+
+
 def captured_path(name: str) -> str:
     """Path of the recording that a rig has captured under a name."""
     return f"results/recordings/{name}.parquet"

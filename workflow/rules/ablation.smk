@@ -150,7 +150,7 @@ rule ablation_errors:
     benchmark:
         "logs/benchmarks/ablation_errors/{dataset}/{split}/{budget}/{setting}/{model}.tsv"
     wildcard_constraints:
-        setting="|".join([any_of(SETTINGS | POINTS), *(f"tuned-{size}" for size in SIZES)]),
+        setting=any_of([*SETTINGS, *POINTS, *(f"tuned-{size}" for size in SIZES)]),
     conda:
         "../../envs/learning.yaml"
     threads: 1

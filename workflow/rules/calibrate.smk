@@ -11,7 +11,7 @@ rule trials:
     benchmark:
         "logs/benchmarks/trials/{block}/{size}-{batch}.tsv"
     wildcard_constraints:
-        block="|".join(FIRST_SEED),
+        block=any_of(FIRST_SEED),
         size="quick|full",
         batch=r"\d+",
     conda:

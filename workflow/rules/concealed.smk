@@ -152,7 +152,7 @@ rule commit_truths:
     benchmark:
         "logs/benchmarks/commit_truths/{block}.tsv"
     wildcard_constraints:
-        block="|".join(UNSEALED) or NO_NAME,
+        block=any_of(UNSEALED),
     priority: 1
     localrule: True
     conda:
@@ -181,7 +181,7 @@ rule seal_verdicts:
     benchmark:
         "logs/benchmarks/seal_verdicts/{block}.tsv"
     wildcard_constraints:
-        block="|".join(UNSEALED) or NO_NAME,
+        block=any_of(UNSEALED),
     priority: 1
     localrule: True
     conda:
@@ -212,7 +212,7 @@ rule open_truths:
     benchmark:
         "logs/benchmarks/open_truths/{block}.tsv"
     wildcard_constraints:
-        block="|".join(UNOPENED) or NO_NAME,
+        block=any_of(UNOPENED),
     priority: 1
     localrule: True
     conda:
@@ -259,7 +259,7 @@ rule concealed_score:
     benchmark:
         "logs/benchmarks/concealed_score/{block}.tsv"
     wildcard_constraints:
-        block="|".join(IN_USE) or NO_NAME,
+        block=any_of(IN_USE),
     priority: 1
     group:
         "score"

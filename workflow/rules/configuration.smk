@@ -10,6 +10,7 @@ with reported("logs/configuration.log"):
     from eitskin.capture.attachment import attach
     from eitskin.configuration import (
         COMMAND_LINE,
+        any_of,
         canonical,
         read,
         validate,
@@ -54,7 +55,6 @@ with reported("logs/configuration.log"):
     config["configurations"] = with_continuous(config)
 
 
-NO_NAME = "(?!)"
 OTHERS = {rule.name for rule in workflow.rules}  # of the workflow that this one is a module of
 # Where results lie in a storage Snakemake's own records tell what is to run, else recipes do.
 IN_STORAGE = workflow.storage_settings.default_storage_provider is not None
@@ -68,8 +68,8 @@ if not IN_STORAGE:
 # All of them, before any rule: a second statement undoes those of rules before it where results lie
 # in a storage (Snakemake 9.27).
 wildcard_constraints:
-    configuration="|".join(config["configurations"]),
-    recording="|".join(config["recordings"]),
+    configuration=any_of(config["configurations"]),
+    recording=any_of(config["recordings"]),
     model=r"(?!(?:autoencoder|regressor)[./])[a-z-]+",  # the teachers stand beside the models
-    budget="|".join(config["budgets"]),
+    budget=any_of(config["budgets"]),
     seed=r"\d+",

@@ -41,7 +41,7 @@ rule diagnose:
     benchmark:
         "logs/benchmarks/diagnose/{recording}.tsv"
     wildcard_constraints:
-        recording="|".join(WITHOUT_QUERY) or NO_NAME,
+        recording=any_of(WITHOUT_QUERY),
     group:
         "diagnosis"
     conda:
@@ -75,7 +75,7 @@ use rule diagnose as diagnose_with_query with:
             file=EVIDENCE,
         ),
     wildcard_constraints:
-        recording="|".join(WITH_QUERY) or NO_NAME,
+        recording=any_of(WITH_QUERY),
 
 
 rule diagnosis_report:
@@ -142,8 +142,8 @@ rule compare:
     benchmark:
         "logs/benchmarks/compare/{a}-vs-{b}.tsv"
     wildcard_constraints:
-        a="|".join(config["recordings"]),
-        b="|".join(config["recordings"]),
+        a=any_of(config["recordings"]),
+        b=any_of(config["recordings"]),
     group:
         "comparison"
     conda:

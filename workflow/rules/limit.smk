@@ -64,7 +64,7 @@ rule ratios:
     benchmark:
         "logs/benchmarks/ratios/{configuration}.tsv"
     wildcard_constraints:
-        configuration="|".join(CONTINUOUS_SETS) or NO_NAME,
+        configuration=any_of(CONTINUOUS_SETS),
     localrule: True
     conda:
         "../../envs/learning.yaml"

@@ -9,11 +9,11 @@ from snakemake.output_index import OutputIndex
 
 from eitskin import provenance
 
-PROVENANCES = {}  # of all jobs of this plan, by rule and wildcards
 OURS = {maker for maker in workflow.rules if maker.name not in OTHERS and maker.script}
 # What has no fingerprint is made anew on request alone.
 RECORDED = {maker for maker in OURS if not IN_STORAGE and "code" in maker.params.keys()}
-INPUTS = {maker: maker.expand_input for maker in OURS}
+EXPAND_INPUT = {maker: maker.expand_input for maker in OURS}
+INPUTS, PROVENANCES = {}, {}  # of all jobs of this plan, by rule and wildcards
 
 
 def planned_path(maker, wildcards):
@@ -22,19 +22,27 @@ def planned_path(maker, wildcards):
     return provenance.planned_path(log.rpartition("logs/")[2].removesuffix(".log"))
 
 
+def inputs_of(maker, wildcards):
+    """The inputs of a job, as Snakemake expands them."""
+    job = maker.name, *sorted(wildcards.items())
+    if job not in INPUTS:
+        INPUTS[job] = EXPAND_INPUT[maker](wildcards)
+    return INPUTS[job]
+
+
 def provenance_of(maker, wildcards):
     """The provenance of what a job makes."""
     job = maker.name, *sorted(wildcards.items())
     if job not in PROVENANCES:
         PROVENANCES[job] = ""  # a param itself, while all are listed
-        planned = planned_path(maker, wildcards)
-        files = INPUTS[maker](wildcards)[0]
+        files = inputs_of(maker, wildcards)[0]
         products = maker.expand_output(wildcards)[0]
         values = dict(maker.expand_params(wildcards, files, products, None)[0].items())
         code = values.pop("code", "")
         values.pop("provenance", None)
         if code:
             provenance.plan_code(code, fingerprinted(code))
+        planned = planned_path(maker, wildcards)
         PROVENANCES[job] = provenance.text(
             maker.name,
             values,
@@ -47,11 +55,17 @@ def provenance_of(maker, wildcards):
 
 def digest_of(file):
     """The digest of the provenance of a file, planned or, where no rule makes it any more, recorded;
-    of a file that none has made, of its bytes."""
-    makers = sorted(output_index().match_producers(file) & OURS)
-    if makers:
-        return provenance.digest(provenance_of(makers[0], makers[0].get_wildcards(file)))
+    of a file that none has made, of its bytes. What another workflow makes has none."""
+    for maker in makers_of(file) & OURS:
+        return provenance.digest(provenance_of(maker, maker.get_wildcards(file)))
+    if makers_of(file):
+        return "made by another workflow"
     return provenance.recorded_digests().get(file) or provenance.digest_of_file(file)
+
+
+@cache
+def makers_of(file):
+    return output_index().match_producers(file)
 
 
 @cache
@@ -61,11 +75,9 @@ def output_index():
 
 def is_made(maker, wildcards):
     """Whether the products of a job are there, of the provenance that is planned by this."""
-    planned = planned_path(maker, wildcards)
-    text = provenance_of(maker, wildcards)
     products = maker.expand_output(wildcards)[0]
     lasting = [str(file) for file in products if not is_flagged(file, "temp")]
-    return provenance.plan(planned, text, lasting)
+    return provenance.plan(planned_path(maker, wildcards), provenance_of(maker, wildcards), lasting)
 
 
 def planned_by(maker):
@@ -78,15 +90,16 @@ def text_by(maker):
     return lambda wildcards, input: provenance_of(maker, dict(wildcards.items()))
 
 
-def inputs_by(maker):
-    """The inputs of a job, `ancient` where it is made."""
+def expand_input_of(maker):
+    """In place of Snakemake's: the inputs of a job that need not run are `ancient`, but for those
+    that have no record."""
 
     def expand_input(wildcards, groupid=None):
-        expanded = INPUTS[maker](wildcards, groupid)
+        expanded = inputs_of(maker, wildcards)
         if workflow.is_main_process:
             made = is_made(maker, wildcards)
             for file in expanded[0]:
-                file.flags["ancient"] = made
+                file.flags["ancient"] = made and makers_of(file) <= RECORDED
         return expanded
 
     return expand_input
@@ -95,4 +108,4 @@ def inputs_by(maker):
 for maker in RECORDED:
     maker.set_input(provenance=planned_by(maker))
     maker.set_params(provenance=text_by(maker))
-    maker.expand_input = inputs_by(maker)
+    maker.expand_input = expand_input_of(maker)

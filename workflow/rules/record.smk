@@ -44,7 +44,7 @@ rule import_recording:
     benchmark:
         "logs/benchmarks/import_recording/{recording}.tsv"
     wildcard_constraints:
-        recording="|".join(BROUGHT) or NO_NAME,
+        recording=any_of(BROUGHT),
     group:
         "data"
     conda:

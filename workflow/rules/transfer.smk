@@ -16,7 +16,7 @@ rule transfer_source:
     benchmark:
         "logs/benchmarks/transfer_source/{budget}/{model}/{source}/{recording}.tsv"
     wildcard_constraints:
-        source="simulated-(?:{})".format("|".join(config["configurations"])),
+        source=f"simulated-(?:{any_of(config['configurations'])})",
     conda:
         "../../envs/learning.yaml"
     threads: 1
