@@ -89,22 +89,28 @@ def plan_code(fingerprint: str, modules: Mapping[str, str]) -> None:
 
 
 def plan(planned: str, provenance: str, products: Iterable[str]) -> bool:
-    """Write the planned provenance of a job where it is other; whether it is the recorded one and
-    all `products` are there.
+    """Whether the planned provenance of a job is the recorded one and all `products` are there.
 
-    If not, it is dated now, and products of a clock that was put back before that.
+    If not it is written, with the time behind it, as Snakemake takes a file of the same content for
+    the same, however new. Products of a clock that was put back are dated before it: Snakemake
+    refuses what is older than its input.
     """
     products = list(products)
-    if _content(planned) != provenance:
-        _write(planned, provenance)
-    if _content(record_path(planned)) == provenance and all(map(os.path.exists, products)):
-        return True
-    os.utime(planned)
-    now = os.stat(planned).st_mtime
-    for product in products:
-        if os.path.exists(product) and os.stat(product).st_mtime >= now:
+    now = time.time()
+    for product in filter(os.path.exists, products):
+        if os.stat(product).st_mtime >= now:
             os.utime(product, (now - 1, now - 1))
-    return False
+    made = _content(record_path(planned)) == provenance and all(map(os.path.exists, products))
+    if not made:
+        _write(planned, f"{provenance}{now}\n")
+    elif not os.path.exists(planned):
+        _write(planned, provenance)
+    return made
+
+
+def planned_content(planned: str | Path) -> dict:
+    """A planned provenance as a mapping."""
+    return json.JSONDecoder().raw_decode(Path(planned).read_text(encoding="utf-8"))[0]
 
 
 def _write(path: str | Path, content: str) -> None:
@@ -138,15 +144,6 @@ def recorded(snakemake: Any) -> Iterator[None]:
             _write(code, Path(PLANNED, CODE, code.name).read_text(encoding="utf-8"))
         _write(record, snakemake.params.provenance)
         os.utime(planned, (PAST, PAST))
-        _date(snakemake.input, snakemake.output)
-
-
-def _date(inputs: Iterable[str], products: Iterable[str]) -> None:
-    """Date the products of inputs from the future as these: Snakemake refuses older ones."""
-    newest = max(os.stat(path).st_mtime for path in inputs)
-    if newest > time.time():
-        for product in products:
-            os.utime(product, (newest, newest))
 
 
 def records(folder: str | Path = "") -> dict[str, Path]:

@@ -82,7 +82,7 @@ def _changes(folder: Path, record: Path, content: dict) -> Iterator[str]:
     )
     if not planned.exists():
         return
-    now = json.loads(planned.read_text(encoding="utf-8"))
+    now = provenance.planned_content(planned)
     for key in sorted(content["parameters"].keys() | now["parameters"].keys()):
         before, after = (document["parameters"].get(key) for document in (content, now))
         if before != after:

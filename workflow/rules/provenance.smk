@@ -98,6 +98,8 @@ def expand_input_of(maker):
         expanded = inputs_of(maker, wildcards)
         if workflow.is_main_process:
             made = is_made(maker, wildcards)
+            # Snakemake may have listed the folder before.
+            workflow.iocache.exists_local[planned_path(maker, wildcards)] = True
             for file in expanded[0]:
                 file.flags["ancient"] = made and makers_of(file) <= RECORDED
         return expanded
