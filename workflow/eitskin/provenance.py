@@ -88,8 +88,14 @@ def plan_code(fingerprint: str, modules: Mapping[str, str]) -> None:
         _write(path, json.dumps(dict(modules), indent=1, sort_keys=True) + "\n")
 
 
-def plan(planned: str, provenance: str, products: Iterable[str]) -> bool:
-    """Whether the planned provenance of a job is the recorded one and all `products` are there.
+def is_other(planned: str, provenance: str) -> bool:
+    """Whether a job has made something, of another provenance than the planned one."""
+    return _content(record_path(planned)) not in (None, provenance)
+
+
+def plan(planned: str, provenance: str, products: Iterable[str], stale: bool) -> bool:
+    """Whether the planned provenance of a job is the recorded one, all `products` are there, and
+    nothing that led to them is `stale`.
 
     If not it is written, with the time behind it, as Snakemake takes a file of the same content for
     the same, however new. Products of a clock that was put back are dated before it: Snakemake
@@ -100,7 +106,8 @@ def plan(planned: str, provenance: str, products: Iterable[str]) -> bool:
     for product in filter(os.path.exists, products):
         if os.stat(product).st_mtime >= now:
             os.utime(product, (now - 1, now - 1))
-    made = _content(record_path(planned)) == provenance and all(map(os.path.exists, products))
+    there = all(map(os.path.exists, products))
+    made = there and not stale and _content(record_path(planned)) == provenance
     if not made:
         _write(planned, f"{provenance}{now}\n")
     elif not os.path.exists(planned):

@@ -13,7 +13,7 @@ OURS = {maker for maker in workflow.rules if maker.name not in OTHERS and maker.
 # What has no fingerprint is made anew on request alone.
 RECORDED = {maker for maker in OURS if not IN_STORAGE and "code" in maker.params.keys()}
 EXPAND_INPUT = {maker: maker.expand_input for maker in OURS}
-INPUTS, PROVENANCES = {}, {}  # of all jobs of this plan, by rule and wildcards
+INPUTS, PROVENANCES, STALE = {}, {}, {}  # of all jobs of this plan, by rule and wildcards
 
 
 def planned_path(maker, wildcards):
@@ -73,11 +73,24 @@ def output_index():
     return OutputIndex(workflow.rules)
 
 
+def is_stale(maker, wildcards):
+    """Whether what a job has made is of another provenance than planned, or anything that led to it:
+    on a cluster a job may take code that was edited after those before it had begun."""
+    job = maker.name, *sorted(wildcards.items())
+    if job not in STALE:
+        led = inputs_of(maker, wildcards)[0]
+        before = [(rule, rule.get_wildcards(f)) for f in led for rule in makers_of(f) & RECORDED]
+        planned, text = planned_path(maker, wildcards), provenance_of(maker, wildcards)
+        STALE[job] = provenance.is_other(planned, text) or any(is_stale(*each) for each in before)
+    return STALE[job]
+
+
 def is_made(maker, wildcards):
     """Whether the products of a job are there, of the provenance that is planned by this."""
     products = maker.expand_output(wildcards)[0]
     lasting = [str(file) for file in products if not is_flagged(file, "temp")]
-    return provenance.plan(planned_path(maker, wildcards), provenance_of(maker, wildcards), lasting)
+    planned, text = planned_path(maker, wildcards), provenance_of(maker, wildcards)
+    return provenance.plan(planned, text, lasting, is_stale(maker, wildcards))
 
 
 def planned_by(maker):
