@@ -13,13 +13,17 @@ OURS = {maker for maker in workflow.rules if maker.name not in OTHERS and maker.
 # What has no fingerprint is made anew on request alone.
 RECORDED = {maker for maker in OURS if not IN_STORAGE and "code" in maker.params.keys()}
 EXPAND_INPUT = {maker: maker.expand_input for maker in OURS}
-INPUTS, PROVENANCES, STALE = {}, {}, {}  # of all jobs of this plan, by rule and wildcards
+PATHS, INPUTS, PROVENANCES, STALE = {}, {}, {}, {}  # of jobs of this plan, by rule and wildcards
 
 
 def planned_path(maker, wildcards):
     """The path of the planned provenance of a job, which is named as its log."""
-    log = maker.log[0].apply_wildcards(wildcards)
-    return provenance.planned_path(log.rpartition("logs/")[2].removesuffix(".log"))
+    job = maker.name, *sorted(wildcards.items())
+    if job not in PATHS:
+        log = maker.log[0].apply_wildcards(wildcards)
+        name = log.rpartition("logs/")[2].removesuffix(".log")
+        PATHS[job] = provenance.planned_path(name)
+    return PATHS[job]
 
 
 def inputs_of(maker, wildcards):
