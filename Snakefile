@@ -41,3 +41,6 @@ rule all:
         expand("results/recordings/{recording}.check.txt", recording=config["recordings"]),
         expand("results/diagnosis/{recording}/report.html", recording=config["diagnoses"]),
         rules.concealed_demo.input,
+
+
+include: "workflow/rules/provenance.smk"

@@ -161,6 +161,7 @@ def changed(house, module):
 
 LEARNING = {"train_autoencoder", "train_regressor", "train_predictor"}
 TABLE = {"evaluate", "table_1"}
+CHECKED = {"check", "record_dataset", "split", "train_predictor", *TABLE}  # of a recording
 DIAGNOSIS = {"diagnose", "diagnosis_report"}
 SCORE = {"concealed_score", "concealed_figures", "concealed_case"}  # of a block that is sealed
 
@@ -182,7 +183,10 @@ def test_a_new_effect_reruns_what_a_diagnosis_may_name(house, like, rules):
     [
         ("scripts/train_regressor.py", {"train_regressor", "train_predictor", *TABLE}),
         ("eitskin/data/splits.py", {"split", *LEARNING, *TABLE, "limit", "ratios"}),
-        ("eitskin/learn/networks.py", {*LEARNING, *TABLE, "ratios"}),
+        ("eitskin/learn/networks/__init__.py", {*LEARNING, *TABLE, "ratios"}),
+        ("eitskin/learn/networks/cnn.py", set()),
+        ("eitskin/errors.py", set()),
+        ("eitskin/quantities.py", {*CHECKED, *DIAGNOSIS, *SCORE}),
         ("eitskin/limit/posterior.py", {"limit", "cramer_rao", "ratios", "table_1"}),
         ("eitskin/limit/ratios.py", {"ratios"}),
         ("eitskin/paper/table_1.py", {"table_1"}),

@@ -361,7 +361,8 @@ def trained(runs: int) -> list[dict]:
     numbers. The last of EPOCHS epochs counts."""
     import torch  # here, as the other benches' memory is counted without it
 
-    from eitskin.learn import networks, train
+    from eitskin.learn import train
+    from eitskin.learn.networks.mlp import Mlp
 
     train.deterministic()
     generator = torch.Generator().manual_seed(1)
@@ -379,7 +380,7 @@ def trained(runs: int) -> list[dict]:
     def rate(loop: Callable) -> float:
         step_times.clear()
         torch.manual_seed(1)
-        module = networks.Mlp(len(CHANNELS), 3, (512, 256, 128))
+        module = Mlp(len(CHANNELS), 3, (512, 256, 128))
         parts = samples, (voltage[:1], state[:1])
         loop(module, parts, loss, adam, train.Budget(None, EPOCHS), 1)
         # The last time is the validation's.

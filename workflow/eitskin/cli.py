@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import json
 import os
 import re
 import shlex
@@ -61,6 +62,11 @@ examples:
 examples:
   eitskin explain monday
   eitskin explain monday contact-impedance
+""",
+    "why": """\
+examples:
+  eitskin why results/tables/table_1.md
+  eitskin why results/datasets/simulated-authors.parquet --json | jq '.steps[].changed'
 """,
     "compare": """\
 examples:
@@ -173,6 +179,8 @@ def _parser() -> argparse.ArgumentParser:
     _add_path(explaining, "folder", "the folder of a diagnosis", shtab.DIR)
     words = "an effect of the catalogue, by default each of them"
     explaining.add_argument("name", nargs="?", help=words)
+    words = "say what made a product of the workflow, from what, and what has changed since"
+    _add_path(command("why", _why, words), "file", "a file of results/")
     comparing = command("compare", _compare, "say what changed between two recordings of one skin")
     _add_path(comparing, "control", "the earlier recording, in any known format")
     _add_path(comparing, "later", "the later one, read in the same way")
@@ -469,6 +477,24 @@ def _explain(arguments: argparse.Namespace) -> int:
         return 0
     for sentence in sentences:
         _say(sentence)
+    return 0
+
+
+def _why(arguments: argparse.Namespace) -> int:
+    from eitskin import why
+
+    steps = why.chain(arguments.file)
+    if arguments.json:
+        answers.write({"file": arguments.file, "steps": steps})
+        return 0
+    for step in steps:
+        space = "  " * step["depth"]
+        _say(f"{space}{step['product']}")
+        if "rule" in step:
+            values = [f"{key} {json.dumps(value)}" for key, value in step["parameters"].items()]
+            _say(f"{space}  made by {step['rule']}: {', '.join(values) or 'no parameters'}")
+        for sentence in step["changed"]:
+            _say(f"{space}  changed since: {sentence}")
     return 0
 
 

@@ -4,6 +4,8 @@ import contextlib
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +24,7 @@ from eitskin.errors import InputError
 from eitskin.learn import models
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.protocol import channel_table, pattern_step
-from eitskin.physics.skin import Skin
+from eitskin.physics.skin import Skin, is_number
 from eitskin.schema import Validator, dotted, explained, one_of
 from eitskin.simulate.layout import force_levels
 from eitskin.simulate.readings import apply_skin, simulate
@@ -116,6 +118,56 @@ def schema(path: str | Path) -> dict:
     for rows in (properties["training"]["properties"]["rows"], budget_rows):
         rows["propertyNames"]["enum"] = networks
     return document
+
+
+def canonical(config: dict, schema_path: str | Path) -> dict:
+    """A valid configuration in one notation of equal values: keys that the schema names in its
+    order, numbers as float, except for whole numbers. The rig is as it was: captures that are not
+    complete know it by its text."""
+    document = schema(schema_path)
+    written = {key: value for key, value in config.items() if key == "rig"}
+    return _canonical(config, [document], document) | written
+
+
+def _canonical(value: Any, rules: list[dict], document: dict) -> Any:
+    """A value in one notation; rules: the schemas that it obeys."""
+    rules = [rule for named in rules for rule in _applied(named, value, document)]
+    if isinstance(value, dict):
+        order = [key for rule in rules for key in _keys(rule) if key in value]
+        return {
+            key: _canonical(value[key], _within(rules, key), document)
+            for key in dict.fromkeys([*order, *value])
+        }
+    if isinstance(value, list):
+        inner = [rule["items"] for rule in rules if "items" in rule]
+        return [_canonical(part, inner, document) for part in value]
+    whole = any("integer" in rule.get("type", ()) for rule in rules)
+    return value if whole or not is_number(value) else float(value)
+
+
+def _applied(rule: dict, value: Any, document: dict) -> Iterator[dict]:
+    """A schema and those within it that are of the same value."""
+    yield rule
+    inner = [*rule.get("allOf", ()), *rule.get("anyOf", ()), *rule.get("oneOf", ())]
+    if rule.get("$ref", "").startswith("#/"):
+        inner.append(reduce(getitem, rule["$ref"][2:].split("/"), document))
+    if "if" in rule and Validator(rule["if"]).is_valid(value):
+        inner.append(rule["then"])
+    for part in inner:
+        yield from _applied(part, value, document)
+
+
+def _keys(rule: dict) -> Iterable[str]:
+    return rule.get("properties", rule.get("propertyNames", {}).get("enum", ()))
+
+
+def _within(rules: list[dict], key: str) -> list[dict]:
+    """The schemas of a key's value."""
+    others = [rule.get("additionalProperties") or {} for rule in rules]
+    return [
+        rule.get("properties", {}).get(key, other)
+        for rule, other in zip(rules, others, strict=True)
+    ]
 
 
 def _parameters(effect: Effect) -> dict:
@@ -334,6 +386,19 @@ def _unknown_name(config: dict) -> tuple[list, str, str] | None:
 def _rig_names(config: dict) -> list[str]:
     """Names of the recordings that the attached rig captures."""
     return [config["rig"]["name"]] if "rig" in config else []
+
+
+def any_of(names: Iterable[str]) -> str:
+    """A regular expression of these names alone, of none one that matches nothing. It is decided
+    letter by letter: alternatives take as long as there are names."""
+    if not (names := set(names)):
+        return "(?!)"
+    rests: dict[str, list[str]] = {}
+    for name in sorted(names - {""}):
+        rests.setdefault(name[0], []).append(name[1:])
+    branches = [re.escape(letter) + any_of(rest) for letter, rest in rests.items()]
+    branches += [""] * ("" in names)
+    return branches[0] if len(branches) == 1 else f"(?:{'|'.join(branches)})"
 
 
 def captured_path(name: str) -> str:

@@ -12,6 +12,12 @@ FINDS_BY_NAME = {  # packages with modules that no import statement names
     "eitskin.learn.models",
     "eitskin.data.importers",
 }
+FINGERPRINTED: dict[str, dict[str, str]] = {}
+# What a product's content does not follow: refusals, how a file is written, on how many cores.
+IMMATERIAL = {"eitskin.errors", "eitskin.atomic", "eitskin.cores", "eitskin.provenance"}
+# Numbers as text: what effects and physics say with them is a product of those alone who say it,
+# and they import it too.
+WORDS, WORDED = "eitskin.quantities", ("eitskin.effects", "eitskin.physics")
 
 
 def fingerprint(
@@ -24,12 +30,32 @@ def fingerprint(
     are all new in a fresh clone. Comments, docstrings and layout do not count. Raises ValueError
     unless `named_modules` is given exactly where the script reaches a package of FINDS_BY_NAME.
     """
+    names = None if named_modules is None else tuple(sorted(set(named_modules)))
+    return _fingerprint(script, names, tuple(map(str, files)))
+
+
+@cache
+def _fingerprint(script: str, named_modules: tuple[str, ...] | None, files: tuple[str, ...]) -> str:
     digest = hashlib.sha256()
-    for name, digest_text in sorted(reached(script, named_modules).items()):
+    modules = reached(script, named_modules)
+    for name, digest_text in sorted(modules.items()):
         digest.update(f"{name}\n{digest_text}\n".encode())
     for file in files:
         digest.update(hashlib.sha256(Path(file).read_bytes()).digest())
+    FINGERPRINTED[digest.hexdigest()] = modules
     return digest.hexdigest()
+
+
+def fingerprinted(fingerprint: str) -> dict[str, str]:
+    """What a fingerprint of this process is of, as `reached`."""
+    return FINGERPRINTED[fingerprint]
+
+
+def digest_of(name: str) -> str | None:
+    """The digest of a script or a module as it is now, by its name in `reached`; None for one that
+    is not there any more."""
+    file = HOUSE / f"{name}.py" if name.startswith("scripts/") else _file(name)
+    return None if file is None or not file.is_file() else _parsed(file)[0]
 
 
 def reached(script: str, named_modules: Iterable[str] | None = None) -> dict[str, str]:
@@ -57,13 +83,16 @@ def reached(script: str, named_modules: Iterable[str] | None = None) -> dict[str
 @cache
 def _closure(names: tuple[str, ...]) -> frozenset[str]:
     """All modules of the workflow that names lead to, with these and their packages."""
-    waiting, visited = list(names), set()
+    waiting = list(names)
+    visited: set[str] = set()
     while waiting:
         name = waiting.pop()
-        if name in visited or (file := _file(name)) is None:
+        if name in visited | IMMATERIAL or (file := _file(name)) is None:
             continue
         visited.add(name)
-        waiting += [*_parsed(file)[1], *_within(name)]
+        worded = name.startswith(WORDED)
+        waiting += [other for other in _parsed(file)[1] if not (worded and other == WORDS)]
+        waiting += _within(name)
     return frozenset(visited)
 
 

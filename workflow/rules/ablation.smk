@@ -76,7 +76,7 @@ use rule train_predictor as ablation_predictor with:
 rule ablation_choice:
     """The setting of a model with the least validation error."""
     input:
-        lambda wildcards: expand(
+        errors=lambda wildcards: expand(
             f"{ABLATION}/{{setting}}/{{model}}.csv", setting=GRIDS[wildcards.size], **wildcards
         ),
     output:
@@ -153,7 +153,7 @@ rule ablation_errors:
     benchmark:
         "logs/benchmarks/ablation_errors/{dataset}/{split}/{budget}/{setting}/{model}.tsv"
     wildcard_constraints:
-        setting="|".join([any_of(SETTINGS | POINTS), *(f"tuned-{size}" for size in SIZES)]),
+        setting=any_of([*SETTINGS, *POINTS, *(f"tuned-{size}" for size in SIZES)]),
     conda:
         "../../envs/learning.yaml"
     threads: 1
@@ -226,7 +226,7 @@ rule ablation:
 rule tuning:
     """Table of validation errors at every point of the grid."""
     input:
-        [
+        errors=[
             f"{ABLATION}/{{setting}}/{{model}}.csv".format(**one, budget=config["budget"])
             for one in TUNING
         ],

@@ -1,5 +1,3 @@
-import re
-
 from eitskin.paper import ablation
 
 # What is varied, the settings that come of it, and the grids in which models are tuned alike, by size.
@@ -13,10 +11,6 @@ SIZES = {ablation.size(widths): widths for widths in STUDIED["widths"]}
 GRIDS = {size: ablation.grid(STUDIED["grid"], widths) for size, widths in SIZES.items()}
 POINTS = {name: point for points in GRIDS.values() for name, point in points.items()}
 ABLATION = "results/ablation/{dataset}/{split}/{budget}"
-
-
-def any_of(named):
-    return "|".join(sorted(map(re.escape, named))) or NO_NAME
 
 
 def teachers_of(setting):

@@ -12,7 +12,7 @@ rule trials:
     benchmark:
         "logs/benchmarks/trials/{block}/{size}-{batch}.tsv"
     wildcard_constraints:
-        block="|".join(FIRST_SEED),
+        block=any_of(FIRST_SEED),
         size="quick|full",
         batch=r"\d+",
     conda:
@@ -75,7 +75,7 @@ CALIBRATION_FIGURES = {
 rule calibration_figures:
     """Figures of the diagnosis's calibration."""
     input:
-        expand(
+        tables=expand(
             "results/calibration/{block}/{file}.csv",
             block=config["calibration"]["block"],
             file=["confusion", "other_calibration"],

@@ -144,7 +144,7 @@ for block, number, cases in numbered(UNFITTED):
 rule commit_truths:
     """Commitments to the recordings and truths of a block."""
     input:
-        lambda wildcards: expand(
+        batches=lambda wildcards: expand(
             "results/concealed/{block}/batches/{number:03d}.json",
             block=wildcards.block,
             number=range(len(case_batches(BLOCKS[wildcards.block]["cases"], CONCEALED["batch"]))),
@@ -157,7 +157,7 @@ rule commit_truths:
     benchmark:
         "logs/benchmarks/commit_truths/{block}.tsv"
     wildcard_constraints:
-        block="|".join(UNSEALED) or NO_NAME,
+        block=any_of(UNSEALED),
     priority: 1
     localrule: True
     conda:
@@ -187,7 +187,7 @@ rule seal_verdicts:
     benchmark:
         "logs/benchmarks/seal_verdicts/{block}.tsv"
     wildcard_constraints:
-        block="|".join(UNSEALED) or NO_NAME,
+        block=any_of(UNSEALED),
     priority: 1
     localrule: True
     conda:
@@ -219,7 +219,7 @@ rule open_truths:
     benchmark:
         "logs/benchmarks/open_truths/{block}.tsv"
     wildcard_constraints:
-        block="|".join(UNOPENED) or NO_NAME,
+        block=any_of(UNOPENED),
     priority: 1
     localrule: True
     conda:
@@ -267,7 +267,7 @@ rule concealed_score:
     benchmark:
         "logs/benchmarks/concealed_score/{block}.tsv"
     wildcard_constraints:
-        block="|".join(IN_USE) or NO_NAME,
+        block=any_of(IN_USE),
     priority: 1
     group:
         "score"
@@ -288,7 +288,7 @@ rule concealed_score:
 rule concealed_figures:
     """Figures of a block's score."""
     input:
-        expand("results/concealed/{{block}}/score/{name}.csv", name=SCORE_FIGURES),
+        tables=expand("results/concealed/{{block}}/score/{name}.csv", name=SCORE_FIGURES),
     output:
         [
             report(

@@ -14,8 +14,15 @@ except ModuleNotFoundError:
 # Whoever adds an effect or a format may leave it broken: read with them, it is told in one line.
 with reported("logs/configuration.log"):
     from eitskin.capture.attachment import attach
-    from eitskin.configuration import COMMAND_LINE, read, validate, with_continuous
-    from eitskin.fingerprint import fingerprint
+    from eitskin.configuration import (
+        COMMAND_LINE,
+        any_of,
+        canonical,
+        read,
+        validate,
+        with_continuous,
+    )
+    from eitskin.fingerprint import fingerprint, fingerprinted
 
 ROOT = Path(workflow.current_basedir.get_path_or_uri(secret_free=False)).resolve().parents[1]
 
@@ -50,17 +57,25 @@ with reported("logs/configuration.log"):
     validate(config, schema, CONFIGFILES, REST)
     if "rig" in config:
         attach(config, CONFIGFILES, REST)
+    config.update(canonical(config, schema))
     config["configurations"] = with_continuous(config)
 
 
-NO_NAME = "(?!)"
+OTHERS = {rule.name for rule in workflow.rules}  # of the workflow that this one is a module of
+# Where results lie in a storage Snakemake's own records tell what is to run, else recipes do.
+IN_STORAGE = workflow.storage_settings.default_storage_provider is not None
+
+if not IN_STORAGE:
+
+    inputflags:
+        ancient,
 
 
 # All of them, before any rule: a second statement undoes those of rules before it where results lie
 # in a storage (Snakemake 9.27).
 wildcard_constraints:
-    configuration="|".join(config["configurations"]),
-    recording="|".join(config["recordings"]),
+    configuration=any_of(config["configurations"]),
+    recording=any_of(config["recordings"]),
     model=r"(?!(?:autoencoder|regressor)[./])[a-z-]+",  # the teachers stand beside the models
-    budget="|".join(config["budgets"]),
+    budget=any_of(config["budgets"]),
     seed=r"\d+",

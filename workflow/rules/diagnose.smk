@@ -42,7 +42,7 @@ rule diagnose:
     benchmark:
         "logs/benchmarks/diagnose/{recording}.tsv"
     wildcard_constraints:
-        recording="|".join(WITHOUT_QUERY) or NO_NAME,
+        recording=any_of(WITHOUT_QUERY),
     group:
         "diagnosis"
     conda:
@@ -66,7 +66,7 @@ use rule diagnose as diagnose_with_query with:
         schema=ancient(local(SCHEMA)),
         recording=rules.import_recording.output[0],
         usable=rules.check.output[0],
-        query=lookup(dpath="recordings/{recording}/query", within=config),
+        query=of_recording("query"),
     output:
         diagnosis="results/diagnosis/{recording}/diagnosis.json",
         effects="results/diagnosis/{recording}/effects.yaml",
@@ -76,7 +76,7 @@ use rule diagnose as diagnose_with_query with:
             file=EVIDENCE,
         ),
     wildcard_constraints:
-        recording="|".join(WITH_QUERY) or NO_NAME,
+        recording=any_of(WITH_QUERY),
 
 
 rule diagnosis_report:
@@ -87,7 +87,7 @@ rule diagnosis_report:
         diagnosis="results/diagnosis/{recording}/diagnosis.json",
         effects="results/diagnosis/{recording}/effects.yaml",
         predicted=branch(
-            lookup(dpath="recordings/{recording}/query", within=config, default=None),
+            of_recording("query"),
             then="results/diagnosis/{recording}/predicted.parquet",
         ),
         evidence=expand(
@@ -145,8 +145,8 @@ rule compare:
     benchmark:
         "logs/benchmarks/compare/{a}-vs-{b}.tsv"
     wildcard_constraints:
-        a="|".join(config["recordings"]),
-        b="|".join(config["recordings"]),
+        a=any_of(config["recordings"]),
+        b=any_of(config["recordings"]),
     group:
         "comparison"
     conda:

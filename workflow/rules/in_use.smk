@@ -7,6 +7,16 @@ CATALOGUE = modules(catalogue_names())  # what a diagnosis may name
 IMPORTERS = importers.modules()
 
 
+def of_configuration(key):
+    """A param: a key of the configuration of a job."""
+    return lambda wildcards: config["configurations"][wildcards.configuration][key]
+
+
+def of_recording(key):
+    """A param: a key of the recording of a job, None where it has none."""
+    return lambda wildcards: config["recordings"][wildcards.recording].get(key)
+
+
 def effects_of(configuration):
     return config["configurations"][configuration]["effects"]
 

@@ -31,9 +31,9 @@ rule limit:
         seed=lookup(dpath="seed", within=config),
         skin=lookup(dpath="skin", within=config),
         accuracy=lookup(dpath="accuracy", within=config),
-        effects=lookup(dpath="configurations/{configuration}/effects", within=config),
-        session_frames=lookup(dpath="configurations/{configuration}/session_frames", within=config),
-        continuous=lookup(dpath="configurations/{configuration}/continuous", within=config),
+        effects=of_configuration("effects"),
+        session_frames=of_configuration("session_frames"),
+        continuous=of_configuration("continuous"),
         samples=lookup(dpath="limit/samples", within=config),
         pairs=lookup(dpath="limit/pairs", within=config),
         code=lambda wildcards: fingerprint(
@@ -66,7 +66,7 @@ rule ratios:
     benchmark:
         "logs/benchmarks/ratios/{configuration}.tsv"
     wildcard_constraints:
-        configuration="|".join(CONTINUOUS_SETS) or NO_NAME,
+        configuration=any_of(CONTINUOUS_SETS),
     localrule: True
     conda:
         "../../envs/learning.yaml"
@@ -107,9 +107,9 @@ rule cramer_rao:
     params:
         skin=lookup(dpath="skin", within=config),
         accuracy=lookup(dpath="accuracy", within=config),
-        effects=lookup(dpath="configurations/{configuration}/effects", within=config),
-        session_frames=lookup(dpath="configurations/{configuration}/session_frames", within=config),
-        continuous=lookup(dpath="configurations/{configuration}/continuous", within=config),
+        effects=of_configuration("effects"),
+        session_frames=of_configuration("session_frames"),
+        continuous=of_configuration("continuous"),
         code=lambda wildcards: fingerprint(
             "cramer_rao", modules(names_of(effects_of(wildcards.configuration)))
         ),

@@ -20,7 +20,7 @@ rule loop_case:
     benchmark:
         "logs/benchmarks/loop_case/{case}.tsv"
     wildcard_constraints:
-        case="|".join(LOOP_CASES) or NO_NAME,
+        case=any_of(LOOP_CASES),
     conda:
         "../../envs/learning.yaml"
     threads: 1
@@ -53,7 +53,7 @@ rule loop_labelled:
     benchmark:
         "logs/benchmarks/loop_labelled/{case}.tsv"
     wildcard_constraints:
-        case="|".join(LOOP_SKINS) or NO_NAME,
+        case=any_of(LOOP_SKINS),
     conda:
         "../../envs/learning.yaml"
     threads: 1
@@ -82,7 +82,7 @@ use rule diagnose as diagnose_loop with:
     benchmark:
         "logs/benchmarks/diagnose_loop/{case}.tsv"
     wildcard_constraints:
-        case="|".join([*LOOP_CASES, *LOOP_SKINS]) or NO_NAME,
+        case=any_of([*LOOP_CASES, *LOOP_SKINS]),
     params:
         name="{case}",
         seed=lookup(dpath="seed", within=config),
@@ -108,7 +108,7 @@ rule loop_errors:
     benchmark:
         "logs/benchmarks/loop_errors/{case}/{model}/{source}/{seed}.tsv"
     wildcard_constraints:
-        source="|".join([*SOURCES, LABELS]),
+        source=any_of([*SOURCES, LABELS]),
     conda:
         "../../envs/learning.yaml"
     threads: 1
@@ -203,7 +203,7 @@ rule loop_figure:
     benchmark:
         "logs/benchmarks/loop_figure/{model}.tsv"
     wildcard_constraints:
-        model="|".join(config["loop"]["models"]) or NO_NAME,
+        model=any_of(config["loop"]["models"]),
     conda:
         "../../envs/learning.yaml"
     threads: 1

@@ -25,9 +25,9 @@ rule skin_effects:
         skin=lookup(dpath="skin", within=config),
         accuracy=lookup(dpath="accuracy", within=config),
         effects=lambda wildcards: skin_effects(effects_of(wildcards.configuration)),
-        session_frames=lookup(dpath="configurations/{configuration}/session_frames", within=config),
-        crossed=lookup(dpath="configurations/{configuration}/crossed", within=config),
-        continuous=lookup(dpath="configurations/{configuration}/continuous", within=config),
+        session_frames=of_configuration("session_frames"),
+        crossed=of_configuration("crossed"),
+        continuous=of_configuration("continuous"),
         code=lambda wildcards: fingerprint(
             "skin_effects", modules(names_of(skin_effects(effects_of(wildcards.configuration))))
         ),
@@ -96,8 +96,8 @@ rule simulated_dataset:
         runtime=10,
     params:
         seed=lookup(dpath="seed", within=config),
-        noise=lookup(dpath="configurations/{configuration}/noise", within=config),
-        baseline=lookup(dpath="configurations/{configuration}/baseline", within=config),
+        noise=of_configuration("noise"),
+        baseline=of_configuration("baseline"),
         code=fingerprint("simulated_dataset", []),
     message:
         "Adding noise to {wildcards.configuration} and subtracting the untouched frames"

@@ -27,7 +27,7 @@ rule held_out_pairs:
 rule tanks:
     """Table of what geometry explains of tanks."""
     input:
-        expand("results/diagnosis/{recording}/held_out_pairs.csv", recording=config["tanks"]),
+        tables=expand("results/diagnosis/{recording}/held_out_pairs.csv", recording=config["tanks"]),
     output:
         "results/diagnosis/tanks.csv",
     log:

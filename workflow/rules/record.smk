@@ -46,7 +46,7 @@ rule import_recording:
     benchmark:
         "logs/benchmarks/import_recording/{recording}.tsv"
     wildcard_constraints:
-        recording="|".join(BROUGHT) or NO_NAME,
+        recording=any_of(BROUGHT),
     group:
         "data"
     conda:
@@ -60,8 +60,8 @@ rule import_recording:
             key: config["recordings"][wildcards.recording].get(key)
             for key in ("format", "order", "drive", "measure")
         },
-        skin=lookup(dpath="recordings/{recording}/skin", within=config, default=None),
-        frames=lookup(dpath="recordings/{recording}/frames", within=config, default=None),
+        skin=of_recording("skin"),
+        frames=of_recording("frames"),
         code=lambda wildcards: fingerprint(
             "import_recording", importers.readers(*READ_FROM[wildcards.recording])
         ),

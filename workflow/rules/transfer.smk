@@ -17,7 +17,7 @@ rule transfer_source:
     benchmark:
         "logs/benchmarks/transfer_source/{budget}/{model}/{source}/{recording}.tsv"
     wildcard_constraints:
-        source="simulated-(?:{})".format("|".join(config["configurations"])),
+        source=f"simulated-(?:{any_of(config['configurations'])})",
     conda:
         "../../envs/learning.yaml"
     threads: 1
@@ -66,7 +66,7 @@ rule transfer_references:
 rule transfer:
     """Table of what models of simulations are worth on recordings."""
     input:
-        expand(
+        errors=expand(
             f"{TRANSFER}/{{source}}/{{recording}}.csv",
             budget=config["budget"],
             model=config["transfer"]["models"],

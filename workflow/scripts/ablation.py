@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from eitskin.errors import reported
 from eitskin.paper import ablation
+from eitskin.provenance import recorded
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     files, params, tables = snakemake.input, snakemake.params, snakemake.output
     varied, compared, budget = [], [], {"budget": params.budget}
     for setting_columns, errors in zip(params.varied, files.varied, strict=True):

@@ -6,13 +6,15 @@ from pathlib import Path
 import pandas as pd
 
 from eitskin.atomic import atomic_path
-from eitskin.errors import reported
 from eitskin.paper import ablation
+from eitskin.provenance import recorded
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     params = snakemake.params
     grid, axes = params.grid, params.axes
-    best_setting = ablation.best(dict(zip(grid, map(pd.read_csv, snakemake.input), strict=True)))
+    best_setting = ablation.best(
+        dict(zip(grid, map(pd.read_csv, snakemake.input.errors), strict=True))
+    )
     with atomic_path(snakemake.output[0]) as path:
         words = ablation.in_words(grid[best_setting], axes)
         text = json.dumps({"recipe": params.recipes[best_setting], "told": words})

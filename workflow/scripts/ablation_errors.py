@@ -1,10 +1,11 @@
 """Errors of one setting's model, seed by seed, on one part."""
 
 from eitskin.data import dataset, splits
-from eitskin.errors import InputError, reported
+from eitskin.errors import InputError
 from eitskin.learn import metrics, model_file, predict
+from eitskin.provenance import recorded
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     files = snakemake.input
     data = dataset.read(files.dataset)
     part = splits.read(files.split, data.table)

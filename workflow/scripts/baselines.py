@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 from proof import baselines
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     baselines.run(
         snakemake.params.cases,
         Path(snakemake.input.recordings[0]).parents[1],

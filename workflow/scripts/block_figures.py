@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 from proof import figures
 
-with reported(snakemake.log[0]):
-    tables = [Path(path) for path in snakemake.input]
+with recorded(snakemake):
+    tables = [Path(path) for path in snakemake.input.tables]
     figures.write(tables[0].parent, [table.stem for table in tables])

@@ -4,9 +4,9 @@ import sys
 from pathlib import Path
 
 from eitskin.capture.run import capture_recording
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     journal = Path(snakemake.params.journal)
     stopped = capture_recording(
         snakemake.params.rig,

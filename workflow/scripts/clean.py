@@ -1,9 +1,9 @@
 """Simulate every place and force on the ideal skin."""
 
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 from eitskin.simulate import sets
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     blocks = ("skin", "accuracy")
     sets.write_clean(
         snakemake.input.mesh,

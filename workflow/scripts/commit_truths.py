@@ -2,14 +2,14 @@
 
 from pathlib import Path
 
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 from proof import sealing
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     sealing.commit(
         snakemake.wildcards.block,
         snakemake.params.seed,
-        snakemake.input,
+        snakemake.input.batches,
         Path(snakemake.output.commitments).parent,
         Path(snakemake.output.key).parent,
     )

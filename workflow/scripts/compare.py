@@ -2,9 +2,10 @@
 
 from eitskin.data import recording
 from eitskin.diagnose.compare import result
-from eitskin.errors import InputError, reported
+from eitskin.errors import InputError
+from eitskin.provenance import recorded
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     names = snakemake.wildcards.a, snakemake.wildcards.b
     if names[0] == names[1]:
         raise InputError("comparison", "recordings", f"{names[0]} twice", "two recordings")

@@ -4,8 +4,8 @@ import json
 from pathlib import Path
 
 from eitskin.diagnose.compare import page
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     comparison = json.loads(Path(snakemake.input[0]).read_text(encoding="utf-8"))
     page.write(comparison, snakemake.output[0])

@@ -4,10 +4,10 @@ import json
 from pathlib import Path
 
 from eitskin.atomic import atomic_path
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 from proof import conceal
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     block = conceal.Block(
         snakemake.params.block,
         conceal.Sizes(**snakemake.params.sizes),

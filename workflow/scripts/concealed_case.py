@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 from proof import case_figure
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     block = Path(snakemake.input.score).parents[1]
     figure_paths = tuple(Path(snakemake.output[suffix]) for suffix in ("svg", "png", "csv"))
     case_figure.write(block, Path(snakemake.input.schema), figure_paths)

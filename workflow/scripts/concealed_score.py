@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 from proof import page
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     block = snakemake.wildcards.block
     command = f"snakemake --cores 2 results/concealed/{block}/score/score.md"
     page.write(Path(snakemake.input.opened).parent, Path(snakemake.output.page).parent, command)

@@ -3,11 +3,11 @@
 import pandas as pd
 
 from eitskin.data import dataset
-from eitskin.errors import reported
 from eitskin.learn import metrics
 from eitskin.limit import cramer_rao, posterior_mean
+from eitskin.provenance import recorded
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     files, params = snakemake.input, snakemake.params
     blocks = ("skin", "accuracy", "effects", "session_frames", "continuous")
     experiment = posterior_mean.experiment_of(

@@ -5,9 +5,10 @@ from pathlib import Path
 from eitskin.data import recording
 from eitskin.diagnose import files, parts
 from eitskin.diagnose.verdict.record import read_query, record
-from eitskin.errors import named, reported
+from eitskin.errors import named
+from eitskin.provenance import recorded
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     recorded = recording.read(snakemake.input.recording)
     path = snakemake.input.get("query")
     query = None if path is None else read_query(path, recorded)

@@ -7,10 +7,10 @@ import pandas as pd
 
 from eitskin.atomic import atomic_path
 from eitskin.data import recording
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 from proof.diagnosed import row
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     documents = [json.loads(Path(path).read_text("utf-8")) for path in snakemake.input.diagnoses]
     recordings = [recording.read(path) for path in snakemake.input.recordings]
     with atomic_path(snakemake.output[0]) as path:

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from eitskin.diagnose.report import page
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     files = snakemake.input
     folder = Path(files.diagnosis).parent
     predicted = files.get("predicted") or None

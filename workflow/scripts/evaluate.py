@@ -1,10 +1,10 @@
 """Predict the test part of a dataset and measure the errors."""
 
 from eitskin.data import dataset, splits
-from eitskin.errors import reported
 from eitskin.learn import metrics, model_file, predict
+from eitskin.provenance import recorded
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     files, names = snakemake.input, snakemake.wildcards
     data = dataset.read(files.dataset)
     part = splits.read(files.split, data.table)

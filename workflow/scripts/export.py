@@ -1,11 +1,11 @@
 """A predictor as one file that needs no torch."""
 
 from eitskin.data import baseline, dataset, recording, splits
-from eitskin.errors import reported
 from eitskin.exported import file
 from eitskin.learn import export, model_file
+from eitskin.provenance import recorded
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     files, params = snakemake.input, snakemake.params
     data = dataset.read(files.dataset)
     part = splits.read(files.split, data.table)

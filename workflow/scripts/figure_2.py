@@ -1,9 +1,9 @@
 """Draw the workflow: figure 2."""
 
-from eitskin.errors import reported
 from eitskin.paper import figure_2
+from eitskin.provenance import recorded
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     files, asked = snakemake.output, snakemake.params
     rules = snakemake.input.rules
     figure_2.write(asked.targets, asked.configfiles, rules, files.svg, files.png, files.csv)

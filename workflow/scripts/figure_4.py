@@ -3,10 +3,10 @@
 import pandas as pd
 
 from eitskin.data import dataset
-from eitskin.errors import reported
 from eitskin.paper import figure_4
+from eitskin.provenance import recorded
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     figures, files, params = snakemake.output, snakemake.input, snakemake.params
     tables = zip(map(pd.read_csv, files.metrics), files.predictions, strict=True)
     figure_4.write(

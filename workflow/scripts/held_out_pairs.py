@@ -4,10 +4,10 @@ import pandas as pd
 
 from eitskin.atomic import atomic_path
 from eitskin.data import recording
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 from proof.tank_geometry import judge, sentence, without_drawing
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     recorded = recording.read(snakemake.input[0])
     variants = {"as its owner believes": recorded}
     if recorded.skin.electrode_width_mm is not None:

@@ -1,9 +1,9 @@
 """Import a recording from any source into the recording format."""
 
 from eitskin.data import importers, recording, stated, subset
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     imported = importers.load(snakemake.input[0], **snakemake.params.read_as)
     described = stated.apply(snakemake.params.skin or {}, imported, "recordings, skin")
     if snakemake.params.frames is not None:

@@ -1,11 +1,11 @@
 """Estimate test touches of a continuous set by the posterior mean, and score the estimates."""
 
 from eitskin.data import dataset, splits
-from eitskin.errors import reported
 from eitskin.learn import metrics
 from eitskin.limit import posterior_mean, score
+from eitskin.provenance import recorded
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     files, params = snakemake.input, snakemake.params
     data = dataset.read(files.dataset)
     part = splits.read(files.split, data.table)

@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 from loop import case
 from loop.imitation import PressPrior
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     params = snakemake.params
     folder = Path(snakemake.output.recording).parent
     prior = PressPrior(params.forces, params.probe_mm)

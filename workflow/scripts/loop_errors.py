@@ -3,13 +3,13 @@
 from pathlib import Path
 
 from eitskin.data import dataset, splits
-from eitskin.errors import reported
 from eitskin.learn import metrics
 from eitskin.learn.train import Budget, Recipe, Split
+from eitskin.provenance import recorded
 from loop import errors
 from loop.imitation import PressPrior
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     params, files, names = snakemake.params, snakemake.input, snakemake.wildcards
     target = dataset.read(files.target)
     split = Split(target, splits.read(files.split, target.table))

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 from loop import figure
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     figures = (Path(snakemake.output[suffix]) for suffix in ("svg", "png", "csv"))
     figure.write(Path(snakemake.input[0]), snakemake.wildcards.model, *figures)

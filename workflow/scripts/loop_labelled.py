@@ -3,10 +3,10 @@
 from pathlib import Path
 
 from eitskin.data import dataset, recording
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 from loop import labelled
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     files = snakemake.input
     sides = (recording.read(files.recording), dataset.read(files.target))
     labelled.write(*sides, Path(snakemake.output.recording).parent, snakemake.params.seed)

@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 from loop import table
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     params, files = snakemake.params, snakemake.input
     runs = list(zip(params.runs, files.errors, strict=True))
     folders = {Path(path).parents[1].name: Path(path).parents[1] for path in files.diagnoses}

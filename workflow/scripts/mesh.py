@@ -1,9 +1,9 @@
 """Lay out the electrodes, the places and the forces of the simulated set."""
 
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 from eitskin.simulate import layout
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     blocks = ("seed", "skin", "protocol", "touch_grid", "forces", "accuracy")
     layout.write(
         snakemake.output.mesh,

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 from proof import sealing
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     sealing.unlock(Path(snakemake.input.seal).parent, Path(snakemake.input.key).parent)

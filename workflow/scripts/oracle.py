@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 from proof import oracle
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     oracle.run(
         snakemake.params.cases,
         Path(snakemake.input.opened).parent,

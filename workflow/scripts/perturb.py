@@ -1,9 +1,9 @@
 """Apply one effect of the instrument to the previous stage of a chain."""
 
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 from eitskin.simulate import sets
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     sets.write_stage(
         snakemake.input[0],
         snakemake.output[0],

@@ -1,10 +1,10 @@
 """Apply a trained model to every frame of a recording."""
 
 from eitskin.data import recording
-from eitskin.errors import reported
 from eitskin.learn import model_file, predict
+from eitskin.provenance import recorded
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     model = model_file.read_seeds(snakemake.input.models)
     source = recording.read(snakemake.input.recording)
     predictions = predict.predict_recording(model, source, snakemake.wildcards.recording)

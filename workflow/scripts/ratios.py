@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pandas as pd
 
-from eitskin.errors import reported
 from eitskin.learn import metrics
 from eitskin.limit import ratios
+from eitskin.provenance import recorded
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     table = ratios.ratios(
         {Path(file).stem: pd.read_parquet(file) for file in snakemake.input.predictions},
         pd.read_csv(snakemake.input.samples),

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 from proof import score
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     folder = Path(snakemake.output[0]).parent
     score.write(folder, snakemake.params.block, snakemake.params.size)

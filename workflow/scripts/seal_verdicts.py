@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 from proof import sealing
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     sealing.seal(Path(snakemake.output[0]).parent)

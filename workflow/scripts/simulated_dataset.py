@@ -1,9 +1,9 @@
 """Add noise to the last stage of a chain and subtract the untouched frames."""
 
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 from eitskin.simulate import sets
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     sets.write_dataset(
         snakemake.input[0],
         snakemake.output[0],

@@ -1,9 +1,9 @@
 """Simulate the sessions of a configuration, a new skin for each."""
 
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 from eitskin.simulate import sets
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     blocks = ("seed", "skin", "accuracy", "effects", "session_frames", "crossed", "continuous")
     sets.write_skin_stage(
         snakemake.input.mesh,

@@ -1,9 +1,9 @@
 """Draw the training, validation and test parts of a dataset."""
 
 from eitskin.data import dataset, splits
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     table = dataset.read(snakemake.input[0]).table
     part = splits.assign(table, snakemake.wildcards.split, snakemake.params.seed)
     splits.write(snakemake.output[0], table, part)

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from eitskin.errors import reported
 from eitskin.paper import table_2
+from eitskin.provenance import recorded
 from eitskin.simulate.untouched_frames import Plan
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     files, tables, params = snakemake.input, snakemake.output, snakemake.params
     with np.load(files.mesh) as mesh:
         force_N = mesh["force_N"]

@@ -1,10 +1,10 @@
 """Stage 1: the autoencoder of the voltages."""
 
 from eitskin.data import dataset, splits
-from eitskin.errors import reported
 from eitskin.learn.train import Budget, Optimiser, Seeds, Split, train_autoencoder
+from eitskin.provenance import recorded
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     params = snakemake.params
     data = dataset.read(snakemake.input.dataset)
     part = splits.read(snakemake.input.split, data.table)

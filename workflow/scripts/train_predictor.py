@@ -1,10 +1,10 @@
 """Stage 3: the predictor, plain or physics-informed."""
 
 from eitskin.data import dataset, splits
-from eitskin.errors import reported
 from eitskin.learn.train import Budget, Recipe, Seeds, Split, train_predictor
+from eitskin.provenance import recorded
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     params, files = snakemake.params, snakemake.input
     data = dataset.read(files.dataset)
     part = splits.read(files.split, data.table)

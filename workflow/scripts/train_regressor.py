@@ -1,10 +1,10 @@
 """Stage 2: the regressor from states to latent voltages."""
 
 from eitskin.data import dataset, splits
-from eitskin.errors import reported
 from eitskin.learn.train import Budget, Optimiser, Seeds, Split, train_regressor
+from eitskin.provenance import recorded
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     params, files = snakemake.params, snakemake.input
     data = dataset.read(files.dataset)
     part = splits.read(files.split, data.table)

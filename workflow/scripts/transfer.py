@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-from eitskin.errors import reported
 from eitskin.paper import transfer_table
+from eitskin.provenance import recorded
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     files = []
-    for path in map(Path, snakemake.input):
+    for path in map(Path, snakemake.input.errors):
         budget, model, source = path.parts[-4:-1]
         source = "" if source == "references" else source
         keys = {"source": source, "target": path.stem, "model": model, "budget": budget}

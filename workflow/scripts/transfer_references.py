@@ -1,11 +1,11 @@
 """Errors on a recording's test part of models trained on its own labels, few and all."""
 
 from eitskin.data import dataset, splits
-from eitskin.errors import reported
 from eitskin.learn import metrics, model_file, transfer
 from eitskin.learn.train import Budget, Recipe
+from eitskin.provenance import recorded
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     params, files = snakemake.params, snakemake.input
     data = dataset.read(files.dataset)
     part = splits.read(files.split, data.table)

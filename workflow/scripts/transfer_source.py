@@ -1,11 +1,11 @@
 """Errors of a simulation's model on a recording's test part, as trained and adapted."""
 
 from eitskin.data import dataset, recording, splits
-from eitskin.errors import reported
 from eitskin.learn import metrics, model_file, transfer, transfer_runs
 from eitskin.learn.train import Split
+from eitskin.provenance import recorded
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     files = snakemake.input
     source, target = dataset.read(files.source), dataset.read(files.target)
     source_part = splits.read(files.source_split, source.table)

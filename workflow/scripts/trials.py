@@ -5,10 +5,10 @@ from pathlib import Path
 import pandas as pd
 
 from eitskin.atomic import atomic_path
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 from proof import trial
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     trials = [(kind, seed) for kind, seed in snakemake.params.trials]
     trial.run(trials, Path(snakemake.output[0]).parents[1] / "trials")
     with atomic_path(snakemake.output[0]) as path:

@@ -2,13 +2,13 @@
 
 import pandas as pd
 
-from eitskin.errors import reported
 from eitskin.paper import tuning
+from eitskin.provenance import recorded
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     params = snakemake.params
     rows = [
         tuning.row(pd.read_csv(path), point, params.grid[point["setting"]], params.budget)
-        for path, point in zip(snakemake.input, params.points, strict=True)
+        for path, point in zip(snakemake.input.errors, params.points, strict=True)
     ]
     tuning.write(rows, snakemake.output[0])

@@ -1,7 +1,7 @@
 """Simulate the twin of a real skin."""
 
-from eitskin.errors import reported
+from eitskin.provenance import recorded
 from eitskin.simulate import twin
 
-with reported(snakemake.log[0]):
+with recorded(snakemake):
     twin.write(snakemake.output[0], twin.Twin(**snakemake.params.twin))

@@ -10,7 +10,7 @@ import jsonschema
 import pytest
 import yaml
 
-from eitskin.configuration import schema, validate
+from eitskin.configuration import any_of, canonical, schema, validate
 from eitskin.data import importers
 from eitskin.data.channel_order import ORDERS
 from eitskin.effects import EFFECTS
@@ -34,6 +34,70 @@ def changed(*place_and_value):
         node = node[part]
     node[key] = value
     return config
+
+
+NOTATIONS = [  # of equal values
+    ("radius_mm: 80.0  # the disc", "radius_mm: 80"),
+    ("electrode_deg: [0.0, 22.5, 45.0,", "electrode_deg: [0, 22.5, 45,"),
+    ("current_A: 0.001  # drive amplitude", "current_A: 1.0e-3"),
+    ("{per_N: 0.005, F_mid_N: 5.0}", "{F_mid_N: 5, per_N: 0.005}"),
+    (
+        "{name: crosstalk, parameters: {epsilon: 0.03}}\n    noise: 0.01",
+        "{parameters: {epsilon: 3.0e-2}, name: crosstalk}\n    noise: 0.010",
+    ),
+    ("{sd: 0.04, tie: mirror}", '{"tie": "mirror", "sd": 0.04}'),
+    ("  radii: 8  # evenly from inner to outer\n  angles: 24", "  angles: 24\n  radii: 8"),
+    ("probe_mm: 16.0", "probe_mm: 16"),
+    ("mean_N: 5.0\n  sd_N: 2.0", "sd_N: 2\n  mean_N: 5"),
+    ("session_frames: 300", "session_frames: 0x12c"),
+    ("crossed: false  #", "crossed: no  #"),
+    ("noise: 0.003", "noise: 3.0e-3"),
+    ("{drive: adjacent, measure: adjacent}", "{measure: adjacent, drive: 'adjacent'}"),
+    ("probes_mm: [7.0, 10.0, 15.0]", "probes_mm:\n      - 7\n      - 10\n      - 15"),
+    (
+        "{N_per_mm: 0.55, exponent: 1.5, scatter: 0.1}",
+        "{scatter: 0.10, exponent: 1.5, N_per_mm: 0.55}",
+    ),
+    ("{ratio: {mean: 1.0, sd: 0.15}}", "{ratio: {sd: 0.15, mean: 1}}"),
+    ("force_weight: 1.0  #", "force_weight: 1  #"),
+    ("first: {samples: null, epochs: 40, seeds: 3}", "first: {seeds: 3, epochs: +40, samples: ~}"),
+    ("force_weight: [1.0, 5.0, 20.0]", "force_weight: [1, 5, 20]"),
+    ("seed: 1  # of everything", "seed: 1 # all"),
+]
+
+
+def test_equal_values_have_one_notation():
+    text = (ROOT / "config.yaml").read_text(encoding="utf-8")
+    config = json.dumps(canonical(CONFIG, SCHEMA))
+    for written, other in NOTATIONS:
+        assert written in text, written
+        text = text.replace(written, other)
+    assert json.dumps(canonical(yaml.safe_load(text), SCHEMA)) == config
+    assert json.dumps(yaml.safe_load(text)) != json.dumps(CONFIG)
+
+
+def test_the_notation_of_a_value_is_that_of_the_project_s_own():
+    """In which results were made before."""
+    flat = json.dumps(canonical(CONFIG, SCHEMA), sort_keys=True)
+    assert flat == json.dumps(CONFIG, sort_keys=True)
+
+
+def test_what_is_stated_of_a_skin_and_what_users_order_themselves():
+    skins = ({"radius_mm": 40.0, "current_A": 1.0}, {"current_A": 1, "radius_mm": 40})
+    written = [
+        json.dumps(canonical(CONFIG | {"recordings": {"b": {"skin": skin}, "a": {}}}, SCHEMA))
+        for skin in skins
+    ]
+    assert written[0] == written[1]
+    assert list(json.loads(written[0])["recordings"]) == ["b", "a"]
+
+
+@pytest.mark.parametrize(
+    "names", [[], ["a"], ["a", "ab", "b-1", "b.2"], ["", "x"], ["skin-2", "skin-12"]]
+)
+def test_names_are_matched_and_nothing_else(names):
+    words = {*names, "", "b", "b-", "bx2", "abc", "skin-1", "skin-22"}
+    assert {word for word in words if re.fullmatch(any_of(names), word)} == set(names)
 
 
 @pytest.fixture

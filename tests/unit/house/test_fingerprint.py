@@ -11,6 +11,7 @@ import pytest
 from eitskin import fingerprint as subject
 from eitskin.data import importers
 from eitskin.effects import catalogue_names, modules
+from eitskin.learn.models import MODELS
 
 ROOT = Path(__file__).parents[3]
 SCRIPTS = sorted(path.stem for path in (ROOT / "workflow" / "scripts").glob("*.py"))
@@ -55,7 +56,7 @@ def house(tmp_path, monkeypatch):
 
 def forget():
     """What a process has read."""
-    for known in (subject._parsed, subject._file, subject._closure):
+    for known in (subject._parsed, subject._file, subject._closure, subject._fingerprint):
         known.cache_clear()
 
 
@@ -146,7 +147,7 @@ print(json.dumps([name for name in sys.modules if name.split(".")[0] in tops]))
 
 FOUND = {  # by what finds it by name
     "eitskin.effects": modules(catalogue_names()),
-    "eitskin.learn.models": ["eitskin.learn.networks"],
+    "eitskin.learn.models": [model.module for model in MODELS.values()],
     "eitskin.data.importers": importers.modules(),
 }
 
@@ -165,8 +166,10 @@ def test_all_that_python_loads_for_a_script_counts(script):
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=True)
     loaded, reached = set(json.loads(done.stdout)), set(with_found(script))
     composite = {name for name in loaded - reached if name.startswith("eitskin.effects.")}
-    assert loaded - composite <= reached and composite <= {"eitskin.effects.ellipse"}
-    asked_for = subject._closure(tuple(importers.modules()))  # by a file of the format
+    left_out = {*subject.IMMATERIAL, *({subject.WORDS} if script != "diagnose" else ())}
+    assert loaded - composite - left_out <= reached and composite <= {"eitskin.effects.ellipse"}
+    by_name = (*importers.modules(), *FOUND["eitskin.learn.models"])  # of a file, of a row
+    asked_for = subject._closure(by_name)
     inside = {name for name in reached - loaded - asked_for if not name.startswith("scripts/")}
     assert all(_imported_in_a_function(name) for name in inside), inside
 
@@ -186,6 +189,35 @@ def _names(node):
     if isinstance(node, ast.ImportFrom) and node.module:
         return [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
     return [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+
+
+def test_refusals_writing_and_words_are_no_code_of_a_set_or_a_model():
+    modules_by_script = {script: with_found(script).keys() for script in SCRIPTS}
+    assert not any(subject.IMMATERIAL & reached for reached in modules_by_script.values())
+    speaking = {script for script, reached in modules_by_script.items() if subject.WORDS in reached}
+    assert {"check", "diagnose", "diagnosis_report", "table_2"} <= speaking
+    numeric = ("clean", "perturb", "skin_effects", "simulated_dataset", "twin", "split", "limit")
+    learning = ("train_autoencoder", "train_regressor", "train_predictor", "evaluate")
+    assert not speaking & {*numeric, *learning}
+
+
+@pytest.mark.parametrize("name", ["mlp", "cnn", "transformer", "svr"])
+def test_a_network_is_code_of_the_models_that_are_made_of_it(name):
+    using = {
+        model
+        for model, row in MODELS.items()
+        if MODELS[name].module in subject.reached("train_predictor", [row.module])
+    }
+    fitted = MODELS if name == "svr" else ()  # by the trainer itself
+    assert (
+        using
+        == {
+            "mlp": {"mlp", "autoencoder-mlp"},
+            "cnn": {"cnn"},
+            "transformer": {"transformer", "transformer-channels"},
+            "svr": set(fitted),
+        }[name]
+    )
 
 
 def test_an_effect_that_code_names_is_imported_as_what_a_configuration_names_is_told():

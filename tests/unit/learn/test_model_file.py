@@ -2,12 +2,13 @@ import pytest
 import torch
 
 from eitskin.errors import InputError
-from eitskin.learn import model_file, networks
+from eitskin.learn import model_file
+from eitskin.learn.networks.mlp import Mlp
 
 
 def trained():
     torch.manual_seed(5)
-    weights = networks.Mlp(8, 3).state_dict()
+    weights = Mlp(8, 3).state_dict()
     tensors = {f"{seed}/{key}": value + seed for seed in (1, 11) for key, value in weights.items()}
     return model_file.Trained({"runs": [{"seed": 1}, {"seed": 11}]}, tensors)
 
@@ -21,7 +22,7 @@ def test_file_is_byte_repeatable_whatever_its_path(tmp_path):
 def test_each_seed_gets_its_own_weights(tmp_path):
     model_file.write(trained(), tmp_path / "a.pt")
     read = model_file.read(tmp_path / "a.pt")
-    seed_1, seed_2 = (read.load_into(networks.Mlp(8, 3), seed) for seed in read.seeds())
+    seed_1, seed_2 = (read.load_into(Mlp(8, 3), seed) for seed in read.seeds())
     difference = seed_2.net[0].weight - seed_1.net[0].weight
     torch.testing.assert_close(difference, torch.full_like(difference, 10.0))
     assert not any(p.requires_grad for p in seed_1.parameters())

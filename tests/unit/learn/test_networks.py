@@ -7,6 +7,14 @@ from eitskin.errors import InputError
 from eitskin.learn import networks
 from eitskin.learn.models import MODELS, names
 from eitskin.learn.networks import Shape, predictor
+from eitskin.learn.networks.autoencoder_mlp import AutoencoderMlp
+from eitskin.learn.networks.cnn import Cnn
+from eitskin.learn.networks.convolutions import Halve
+from eitskin.learn.networks.mlp import Mlp
+from eitskin.learn.networks.svr import Svr
+from eitskin.learn.networks.teachers import Autoencoder, StateToLatent
+from eitskin.learn.networks.tokens import TokenEncoder, sinusoids
+from eitskin.learn.networks.transformer import drive_tokens
 from eitskin.learn.train import Tube, fit_svr
 from eitskin.physics.protocol import channel_table
 
@@ -34,12 +42,12 @@ def linear_widths(module):
 
 def test_networks_have_the_papers_widths():
     mlp = [(208, 256), (256, 128), (128, 64), (64, 3)]
-    assert linear_widths(networks.Mlp(208, 3)) == mlp
-    autoencoder = networks.Autoencoder(208, 16)
+    assert linear_widths(Mlp(208, 3)) == mlp
+    autoencoder = Autoencoder(208, 16)
     assert linear_widths(autoencoder.encoder) == [(208, 256), (256, 64), (64, 16)]
     assert linear_widths(autoencoder.decoder) == [(16, 64), (64, 256), (256, 208)]
-    assert linear_widths(networks.StateToLatent(3, 16)) == [(3, 128), (128, 128), (128, 16)]
-    latent_perceptron = networks.AutoencoderMlp(208, 3, 16)
+    assert linear_widths(StateToLatent(3, 16)) == [(3, 128), (128, 128), (128, 16)]
+    latent_perceptron = AutoencoderMlp(208, 3, 16)
     assert linear_widths(latent_perceptron) == [
         (208, 256),
         (256, 64),
@@ -47,7 +55,7 @@ def test_networks_have_the_papers_widths():
         (16, 256),
         *mlp[1:],
     ]
-    cnn = networks.Cnn(208, 3)
+    cnn = Cnn(208, 3)
     blocks = [layer for layer in cnn.modules() if isinstance(layer, torch.nn.Conv1d)]
     assert [layer.out_channels for layer in blocks] == [64, 128, 256]
     assert {layer.kernel_size for layer in blocks} == {(3,)}
@@ -108,21 +116,21 @@ def test_a_shape_that_a_model_cannot_have_is_refused():
 def test_pooling_keeps_the_larger_of_two_neighbours():
     value = voltages(6).reshape(2, 3, 208)
     expected = torch.nn.functional.max_pool1d(value, 2)
-    torch.testing.assert_close(networks.Halve()(value), expected, rtol=0, atol=1e-6)
-    odd = networks.Halve()(value[..., :207])
+    torch.testing.assert_close(Halve()(value), expected, rtol=0, atol=1e-6)
+    odd = Halve()(value[..., :207])
     torch.testing.assert_close(odd, expected[..., :103], rtol=0, atol=1e-6)
 
 
 def test_pooling_hands_the_gradient_to_the_larger_alone():
     value = voltages(6).reshape(2, 3, 208).requires_grad_()
-    networks.Halve()(value).sum().backward()
+    Halve()(value).sum().backward()
     a, b = value.detach().unflatten(-1, (-1, 2)).unbind(-1)
     expected = torch.stack([a >= b, a < b], dim=-1).flatten(-2).float()
     assert torch.equal(value.grad, expected)
 
 
 def test_positions_are_sines_and_cosines_of_growing_wavelength():
-    position = networks.sinusoids(208, 64)
+    position = sinusoids(208, 64)
     for token, k in ((0, 0), (17, 5), (207, 31)):
         angle = token / 1e4 ** (2 * k / 64)
         expected = [np.sin(angle), np.cos(angle)]
@@ -131,7 +139,7 @@ def test_positions_are_sines_and_cosines_of_growing_wavelength():
 
 def test_the_order_of_tokens_tells_only_by_their_positions():
     torch.manual_seed(1)
-    encoder = networks.TokenEncoder(16, 13).eval().requires_grad_(False)
+    encoder = TokenEncoder(16, 13).eval().requires_grad_(False)
     tokens = voltages(4).reshape(4, 16, 13)
     shuffled = tokens[:, torch.randperm(16)]
     assert (encoder(tokens) - encoder(shuffled)).abs().max() > 1e-2
@@ -140,7 +148,7 @@ def test_the_order_of_tokens_tells_only_by_their_positions():
 
 
 def test_a_token_is_a_drive_and_a_slot_a_measuring_pair():
-    tokens = networks.drive_tokens(SHAPE)
+    tokens = drive_tokens(SHAPE)
     assert tokens.shape == (16, 16)
     table = np.array([*TABLE, [-1] * 4])[tokens]
     is_channel = tokens < 208
@@ -153,7 +161,7 @@ def test_a_token_is_a_drive_and_a_slot_a_measuring_pair():
 
 def test_a_channel_measured_twice_has_two_slots():
     table = [[0, 1, 2, 3], [0, 1, 3, 4], [0, 1, 2, 3], [1, 2, 3, 4]]
-    tokens = networks.drive_tokens(Shape("a set", 4, 3, table))
+    tokens = drive_tokens(Shape("a set", 4, 3, table))
     assert tokens.tolist() == [[0, 2, 1], [4, 4, 3]]
 
 
@@ -202,6 +210,6 @@ def test_support_vectors_are_scikit_learns():
     expected = np.column_stack([regression.predict(new.double()) for regression in learned])
     np.testing.assert_allclose(module(new), expected, atol=1e-5)
     assert len(module.support) == len(set().union(*(regression.support_ for regression in learned)))
-    loaded = networks.Svr(20, 3)
+    loaded = Svr(20, 3)
     loaded.load_state_dict(module.state_dict())
     assert torch.equal(loaded(new), module(new))

@@ -17,7 +17,7 @@ TOYS = '''
 
 from torch import nn
 
-from eitskin.learn.networks import Autoencoder
+from eitskin.learn.networks.teachers import Autoencoder
 
 
 class Straight(nn.Module):

@@ -7,9 +7,12 @@ import torch
 
 from eitskin.data import splits
 from eitskin.errors import InputError
-from eitskin.learn import model_file, networks, predict, train
+from eitskin.learn import model_file, predict, train
 from eitskin.learn.metrics import r2
 from eitskin.learn.models import names
+from eitskin.learn.networks.mlp import Mlp
+from eitskin.learn.networks.svr import Svr
+from eitskin.learn.networks.teachers import Autoencoder, StateToLatent
 from eitskin.physics.protocol import channel_table
 from synthetic_touches import touches
 
@@ -143,7 +146,7 @@ def test_all_epochs_are_run_and_the_best_weights_kept(tmp_path):
     scores = [validation for _, validation in trained.header["runs"][0]["history"]]
     assert len(scores) == 120 and min(scores) < scores[-1]
     voltage, state = train.prepare(train.Split(DATA, PART), budget, 1).validation
-    module = trained.load_into(networks.Mlp(208, 3), 1)
+    module = trained.load_into(Mlp(208, 3), 1)
     loss = train.supervision(module(voltage), state, torch.tensor([1.0, 1.0, 5.0]))
     assert loss.item() == pytest.approx(min(scores), rel=1e-5)
 
@@ -230,11 +233,11 @@ def test_lambda_zero_is_the_plain_predictor(tmp_path, teachers):
 
 def test_autoencoder_and_regressor_learn(teachers):
     voltage, state = train.prepare(train.Split(DATA, PART), QUICK, 1).validation
-    autoencoder = model_file.read(teachers[0]).load_into(networks.Autoencoder(208, 16), 1)
+    autoencoder = model_file.read(teachers[0]).load_into(Autoencoder(208, 16), 1)
     latent = autoencoder.encoder(voltage)
     # half of the squared voltage is explained, and half of the latent's spread
     assert train.reconstruction(autoencoder, voltage) < 0.5 * voltage.square().mean()
-    regressor = model_file.read(teachers[1]).load_into(networks.StateToLatent(3, 16), 1)
+    regressor = model_file.read(teachers[1]).load_into(StateToLatent(3, 16), 1)
     spread = (latent - latent.mean(0)).square().mean()
     assert train.alignment(regressor, state, latent) < 0.5 * spread
 
@@ -242,12 +245,12 @@ def test_autoencoder_and_regressor_learn(teachers):
 def test_the_latent_loss_pulls_predictions_to_the_manifold(tmp_path, teachers):
     material = train.prepare(train.Split(DATA, PART), QUICK, 1)
     voltage, _ = material.validation
-    encoder = model_file.read(teachers[0]).load_into(networks.Autoencoder(208, 16), 1).encoder
-    regressor = model_file.read(teachers[1]).load_into(networks.StateToLatent(3, 16), 1)
+    encoder = model_file.read(teachers[0]).load_into(Autoencoder(208, 16), 1).encoder
+    regressor = model_file.read(teachers[1]).load_into(StateToLatent(3, 16), 1)
     misfit = []
     for k, lambda_latent in enumerate((0.0, 1.0)):
         trained = informed(teachers, tmp_path / f"{k}.pt", lambda_latent)
-        state = trained.load_into(networks.Mlp(208, 3), 1)(voltage)
+        state = trained.load_into(Mlp(208, 3), 1)(voltage)
         misfit.append(train.alignment(regressor, state, encoder(voltage)).item())
     assert misfit[1] < 0.9 * misfit[0]
 
@@ -346,7 +349,7 @@ def test_support_vectors_have_scikit_learns_settings_and_the_loss_of_their_fit(t
     assert trained.header["optimiser"] == {"C": 1.0, "epsilon": 0.1}
     assert "lambda_latent" not in trained.header and "force_weight" not in trained.header
     voltage, state = train.prepare(train.Split(TABLED, PART), budget, 1).validation
-    module = trained.load_into(networks.Svr(208, 3), 1)
+    module = trained.load_into(Svr(208, 3), 1)
     loss = train.supervision(module(voltage), state, torch.tensor([1.0, 1.0, 5.0]))
     assert trained.header["runs"][0]["history"][0][1] == pytest.approx(loss.item(), rel=1e-6)
     truth = state.var(dim=0, correction=0).sum() / 3

@@ -22,22 +22,24 @@ class Model:
     @property
     def module(self) -> str:
         """The module of the factory."""
-        return f"eitskin.learn.{self.factory.partition('.')[0]}"
+        return f"eitskin.learn.{self.factory.rpartition('.')[0]}"
 
     @property
     def make(self) -> Callable:
         """The factory."""
-        return getattr(importlib.import_module(self.module), self.factory.partition(".")[2])
+        return getattr(importlib.import_module(self.module), self.factory.rpartition(".")[2])
 
 
 MODELS = {  # in the order of the paper's table
-    "svr": Model("networks.svr", support_vectors=True),
-    "mlp": Model("networks.mlp", perceptron=True),
-    "cnn": Model("networks.cnn"),
-    "transformer": Model("networks.drive_transformer"),
-    "transformer-channels": Model("networks.channel_transformer"),
-    "autoencoder-mlp": Model("networks.autoencoder_mlp", encoder=True, perceptron=True),
-    "cnn-transformer": Model("networks.cnn_transformer"),
+    "svr": Model("networks.svr.svr", support_vectors=True),
+    "mlp": Model("networks.mlp.mlp", perceptron=True),
+    "cnn": Model("networks.cnn.cnn"),
+    "transformer": Model("networks.transformer.drive_transformer"),
+    "transformer-channels": Model("networks.transformer.channel_transformer"),
+    "autoencoder-mlp": Model(
+        "networks.autoencoder_mlp.autoencoder_mlp", encoder=True, perceptron=True
+    ),
+    "cnn-transformer": Model("networks.cnn_transformer.cnn_transformer"),
 }
 PHYSICS_INFORMED = "physics-informed-"  # before any network's name: trained by equation 8
 

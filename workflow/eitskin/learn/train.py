@@ -30,7 +30,9 @@ from eitskin.data.dataset import Dataset
 from eitskin.errors import InputError
 from eitskin.learn import gates, model_file, models, networks
 from eitskin.learn.model_file import Trained
-from eitskin.learn.networks import Autoencoder, Shape, StateToLatent, Svr
+from eitskin.learn.networks import Shape
+from eitskin.learn.networks.svr import Svr
+from eitskin.learn.networks.teachers import Autoencoder, StateToLatent
 from eitskin.progress import patient
 
 Loss = Callable[..., Tensor]  # (module, *batch) -> scalar

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from eitskin.exported.channels import Channels
 from eitskin.exported.electrodes import channels_using
-from eitskin.learn import networks
+from eitskin.learn.networks.mlp import Mlp
 from eitskin.learn.predict import unstandardised
 from eitskin.learn.train import Budget, Optimiser, deterministic, fit, standardise
 
@@ -38,7 +38,7 @@ class Without(nn.Module):
         super().__init__()
         self.scalers, self.electrodes = scalers, electrodes
         sizes = len(scalers["voltage_mean"]) + electrodes, len(scalers["state_mean"])
-        self.net = networks.Mlp(*sizes, WIDTHS)
+        self.net = Mlp(*sizes, WIDTHS)
 
     def standardised(self, inputs: Tensor) -> Tensor:
         """The network's inputs (B, M + n) float32."""
