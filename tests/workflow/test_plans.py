@@ -46,8 +46,16 @@ def test_all_can_be_planned_anew(finished):
     assert max(int(words[1]) for words in jobs if words[:1] == ["total"]) > 20
 
 
-def test_the_paper_can_be_planned_at_the_full_budget(finished):
-    full = ("workflow/config/paper.yaml", "workflow/config/full.yaml")
+@pytest.fixture(scope="module")
+def grid_file(tmp_path_factory):
+    """A grid of touches that make three of the paper's sessions, as the tiny one does not."""
+    path = tmp_path_factory.mktemp("grid") / "grid.yaml"
+    path.write_text("touch_grid: {radii: 10, angles: 40}\n")
+    return str(path)
+
+
+def test_the_paper_can_be_planned_at_the_full_budget(finished, grid_file):
+    full = ("workflow/config/paper.yaml", "workflow/config/full.yaml", grid_file)
     plan = finished.snakemake(*full, "--dry-run", "--", "paper")
     assert plan.returncode == 0, plan.stderr
     said = plan.stdout + plan.stderr
@@ -75,8 +83,9 @@ def test_an_exported_predictor_can_be_planned(fresh):
         ),
     ],
 )
-def test_a_configuration_of_its_own_can_be_planned(finished, file, target, made):
-    plan = finished.snakemake(f"workflow/config/{file}.yaml", "--dry-run", "--", target)
+def test_a_configuration_of_its_own_can_be_planned(finished, grid_file, file, target, made):
+    files = f"workflow/config/{file}.yaml", grid_file
+    plan = finished.snakemake(*files, "--dry-run", "--", target)
     assert plan.returncode == 0, plan.stderr
     assert made in plan.stdout + plan.stderr
 

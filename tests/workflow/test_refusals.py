@@ -106,6 +106,8 @@ def test_nothing_is_learned_from_a_recording_that_the_check_calls_unusable(fresh
     assert "Traceback" not in run.stderr
     log = (house.folder / "logs" / "check" / "my-skin.log").read_text()
     assert log.startswith(message) and log.endswith("Not usable as it stands.\n")
-    written = [file.name for file in (house.folder / "results").rglob("*") if file.is_file()]
-    assert written == ["my-skin.parquet"]
+    results = house.folder / "results"
+    written = {file.relative_to(results).parts[0] for file in results.rglob("*") if file.is_file()}
+    assert written == {"recordings", "provenance"}
+    assert [file.name for file in (results / "recordings").iterdir()] == ["my-skin.parquet"]
     assert not (house.folder / "results" / "datasets" / "my-skin.parquet").exists()
