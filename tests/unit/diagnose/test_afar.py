@@ -114,8 +114,9 @@ def test_starts_of_a_name_differ_in_their_first_coordinate():
     body = {"name": "third-dimension"}
     search = search_of(untouched(body, skin=TANK, thickness_mm=None, electrode_height_mm=None))
     search, sheet = refits.calibrated(search)
-    begun = proposals._far(search, sheet, [])
-    depths = [s.candidate.start["depth_mm"] for s in begun if s.candidate.name == body["name"]]
+    bodies = [[c] for c in search.candidates if c.name == body["name"]]
+    starts = refits._starts(refits.rough(search, sheet), sheet.fit, bodies, None)
+    depths = [candidate.start["depth_mm"] for _, (candidate,) in starts]
     assert len(depths) == len(set(depths)) > 1
 
 
