@@ -380,16 +380,17 @@ def test_an_importer_s_edit_imports_recordings_of_its_format_alone(fresh, tmp_pa
     run = house.snakemake("more.yaml", "--", *made)
     assert run.returncode == 0, run.stderr
 
-    def pending(importer):
-        path = house.folder / "workflow" / "eitskin" / "data" / "importers" / importer
-        path.write_text(f"{path.read_text(encoding='utf-8')}\nUNUSED = 1\n")
+    def pending(file, addition="UNUSED = 1"):
+        path = house.folder / "workflow" / "eitskin" / "data" / file
+        path.write_text(f"{path.read_text(encoding='utf-8')}\n{addition}\n")
         plan = house.snakemake("more.yaml", "--summary", "--", *made)
         rows = [line.split("\t") for line in plan.stdout.splitlines()]
         return {row[0] for row in rows if row[-1] == "update pending"}
 
-    assert pending("matrix.py") == set()
-    assert pending("logger_csv.py") == {made[0]}
-    assert pending("__init__.py") == {*made}
+    assert pending("importers/matrix.py") == set()
+    assert pending("boards/circular-16.yaml", "# of a board") == {made[0]}
+    assert pending("importers/logger_csv.py") == {made[0]}
+    assert pending("importers/__init__.py") == {*made}
 
 
 def test_the_paper_s_second_table_and_figures_can_be_planned_by_name(fresh, tmp_path):

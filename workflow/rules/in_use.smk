@@ -1,10 +1,8 @@
 # What the code of rules finds by name: the effects, formats and models in use, for their fingerprints.
-from eitskin.data import importers
 from eitskin.effects import catalogue_names, modules
 from eitskin.learn import models
 
 CATALOGUE = modules(catalogue_names())  # what a diagnosis may name
-IMPORTERS = importers.modules()
 
 
 def of_configuration(key):

@@ -1,4 +1,5 @@
 from eitskin.configuration import captured_path
+from eitskin.data import importers
 
 # Of the others, a rig has put the file where it is to be.
 BROUGHT = [
@@ -63,7 +64,9 @@ rule import_recording:
         skin=of_recording("skin"),
         frames=of_recording("frames"),
         code=lambda wildcards: fingerprint(
-            "import_recording", importers.readers(*READ_FROM[wildcards.recording])
+            "import_recording",
+            importers.readers(*READ_FROM[wildcards.recording]),
+            importers.reader_files(*READ_FROM[wildcards.recording]),
         ),
     message:
         "Reading the recording {wildcards.recording}"

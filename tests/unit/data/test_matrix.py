@@ -237,11 +237,20 @@ def test_pairs_may_come_from_the_caller(write):
     )
 
 
-def test_names_with_one_letter_in_common_are_not_guessed(write):
-    table = np.column_stack([np.zeros((3, 4)), frames(3)])
-    names = ["px", "tip", "fz", "Touched", *(f"ch{k}" for k in range(40))]
+def test_an_exponent_without_a_point_is_a_number(write):
+    description = {"electrodes": 8, **ADJACENT, "unit": "V"}
+    path = write(frames(), description, "skin.npy")
+    with path.with_suffix(".yaml").open("a") as stream:
+        stream.write("skin: {current_A: 1e-3}\n")
+    assert importers.load(path).skin.current_A == 1e-3
+
+
+def test_names_that_people_give_to_labels_are_guessed_and_one_letter_in_common_is_not(write):
+    table = np.column_stack([np.zeros((3, 6)), frames(3)])
+    names = ["px", "py", "tip", "fz", "tint", "Touched", *(f"ch{k}" for k in range(40))]
     message = refused(write(lines(table, names=names), {"electrodes": 8, **ADJACENT}), "columns")
-    assert "labels: {note_px: px, note_tip: tip, note_fz: fz, touch: Touched}" in message
+    labels = "x_mm: px, y_mm: py, probe_mm: tip, force_N: fz, note_tint: tint, touch: Touched"
+    assert f"labels: {{{labels}}}" in message
 
 
 # --- without a description

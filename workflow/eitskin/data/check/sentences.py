@@ -9,7 +9,7 @@ from eitskin.data.check.missing import HOLD_S, missing_information
 from eitskin.data.recording import Recording
 from eitskin.physics.outline import EXPECTED, no_disc
 from eitskin.physics.skin import OPTIONAL
-from eitskin.quantities import listed, percent, quantity
+from eitskin.quantities import MINUS, listed, percent, quantity
 
 SKIN = {  # key: its name, its unit
     "radius_mm": ("radius", "mm"),
@@ -108,6 +108,9 @@ MISSING = {  # key of `missing_information`: topic, sentence, frames to add
     ),
 }
 
+LEAST_SHARE = 0.005  # that is not said to be nothing
+MOSTLY_COMMON = 0.1  # of a drift, left beside one factor: less, and that is what it is
+
 CEILING_SIGNS = {
     "noise": "they are equal, and their noise is squashed",
     "touch": "they are equal, and touches that should raise them do not",
@@ -118,7 +121,8 @@ def contents(recording: Recording) -> list[Finding]:
     """Numbers of frames, touches and channels, and their source."""
     counts, metadata = measures.contents(recording), recording.metadata
     kind = "query" if recording.voltage is None else "recording"
-    sentence = f"a {kind} of {counts.frames} frames: {counts.untouched} untouched"
+    frames_text = _count_text(counts.frames, "frame", "frames")
+    sentence = f"a {kind} of {frames_text}: {counts.untouched} untouched"
     sentence += f", {counts.touched} touched"
     if counts.touched:
         sentence += f" in {_count_text(counts.presses, 'press', 'presses')}"
@@ -314,7 +318,10 @@ def drift(recording: Recording) -> list[Finding]:
     change_text = f"{percent(change, 2)} (median channel)"
     sentence = f"the untouched readings change by {change_text} from first to last"
     if residual_share is not None:
-        sentence += f"; {percent(residual_share)} of it is left when one common factor is taken out"
+        if residual_share < MOSTLY_COMMON:
+            sentence += ", nearly all of it by one factor in all channels"
+        else:
+            sentence += ", each channel in its own way"
     return [_fact("drift", sentence + ".", change)]
 
 
@@ -392,6 +399,8 @@ def channel_order(recording: Recording) -> list[Finding]:
 def _in_words(misfit: Misfit) -> str:
     if misfit.reciprocity is not None:
         change_text = percent(misfit.reciprocity)
+        if misfit.reciprocity < LEAST_SHARE:
+            change_text = f"less than {percent(LEAST_SHARE, 1)}"
         return (
             f"exchanging drive and measurement changes readings by {change_text} rms beyond noise"
         )
@@ -427,10 +436,12 @@ def numbering(recording: Recording) -> list[Finding]:
     fit = wiring.numbering(recording)
     if fit is None:
         return []
+    turn_deg = round(fit.turn_deg)
+    turn_text = f"{turn_deg:+d}".replace("-", MINUS) if turn_deg else "0"
     sentence = (
-        f"the {fit.touches} strongest touches light up {fit.turn_deg:+.0f} degrees "
-        "(counter-clockwise) from where the file puts them, and after that turn within "
-        f"{fit.residual_radii:.2f} of the radius (median)."
+        f"the {fit.touches} strongest touches light up {turn_text} degrees (counter-clockwise) from"
+        " where the file puts them, and after that turn within"
+        f" {fit.residual_radii:.2f} of the radius (median)."
     )
     if fit.is_lost:
         sentence += " No turn brings them there: places and readings may not belong together."

@@ -106,6 +106,11 @@ def readers(path: str | Path, format: str | None = None) -> list[str]:
     return [] if module is None else [module.__name__]
 
 
+def reader_files(path: str | Path, format: str | None = None) -> list[Path]:
+    """The files of the project other than modules, by which `load` reads a path."""
+    return [*getattr(_reader(Path(path), format), "FILES", ())]
+
+
 def _reader(path: Path, format: str | None) -> ModuleType | None:
     """The module of a path's format; None for the recording format and where there is none."""
     try:

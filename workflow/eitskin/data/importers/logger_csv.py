@@ -24,6 +24,7 @@ from eitskin.errors import InputError
 from eitskin.physics.geometry import even_angles
 
 BOARD = "circular-16"
+FILES = (board.FOLDER / f"{BOARD}{board.SUFFIX}",)
 UNTOUCHED_BELOW_N = 0.05
 TOUCHED_FROM_N = 0.5
 MAX_CONTACTS = 1 << 31  # contacts

@@ -21,6 +21,14 @@ DESCRIBING_KEYS = (
 CHOICE_KEYS = ("voltage", "unit", "values", "position_frame", "clock")
 PLACED = ("x_mm", "y_mm", "force_N", "probe_mm", "depth_mm")
 LABELS = ("time_s", "touch", *PLACED, "contact", "session", "temperature_C")
+MEANT = {  # names of columns that people give to labels
+    "x_mm": "p_?x|x_?pos(ition)?|pos(ition)?_?x|tip_?x|x",
+    "y_mm": "p_?y|y_?pos(ition)?|pos(ition)?_?y|tip_?y|y",
+    "probe_mm": "(probe|tip|indenter)(_?(diameter|d|size))?|diameter",
+    "depth_mm": "p_?z|z|indentation|z_?pos(ition)?",
+    "force_N": "f_?z|load(_?cell)?|newtons?",
+    "time_s": "t|seconds?|stamp|timestamp",
+}
 MIN_COMMON_LETTERS = (
     3  # letters that a column's name and its label's have in common, or the whole name
 )
@@ -126,9 +134,12 @@ def missing_labels(path: Path, names: Sequence[str]) -> InputError | None:
     labels: dict[str, str] = {}
     for name in odd_names:
         free_labels = [label for label in LABELS if label not in labels]
+        meant = [
+            label for label in free_labels if re.fullmatch(MEANT.get(label, "(?!)"), name, re.I)
+        ]
         nearest = max(free_labels, key=lambda label: _common_prefix_length(label, name), default="")
         is_near = _common_prefix_length(nearest, name) >= min(MIN_COMMON_LETTERS, len(name))
-        labels[nearest if is_near else f"{NOTE}{name}"] = name
+        labels[meant[0] if meant else nearest if is_near else f"{NOTE}{name}"] = name
     guess = ", ".join(f"{label}: {name}" for label, name in labels.items())
     count = len(names) - len(odd_names)
     columns = f"columns {', '.join(odd_names)}"
