@@ -174,7 +174,7 @@ def test_what_the_description_says_is_the_recordings(write):
 MISTAKES = {
     "drives: adjacent\nmeasurement: adjacent": r"skin\.yaml: key drives: found an unknown key, ex",
     "drive: adjacent\nmeasurement: 3": "key measurement: found 3",
-    "drive: adjacent\nmeasurement: adjacent\nunit: mV": 'key unit: found "mV", expected "V"',
+    "drive: adjacent\nmeasurement: adjacent\nunit: dV": 'key unit: found "dV", expected "V"',
     "drive: adjacent\nmeasurement: adjacent\nrate_Hz: 0": "key rate_Hz: found 0",
     "drive: adjacent\nmeasurement: adjacent\nclock: measured": "rate_Hz, or a label time_s",
     "drive: adjacent\nmeasurement: adjacent\nelectrodes: 16": "found 40, expected 104 or 208 or",
@@ -235,6 +235,16 @@ def test_pairs_may_come_from_the_caller(write):
     refused(
         path, r"skin\.yaml: key drive: found 'adjacent', and 'adjacent' given beside it", **settings
     )
+
+
+@pytest.mark.parametrize(
+    ("unit", "recorded_unit", "size"), [("mV", "V", 1e-3), ("µV", "V", 1e-6), ("kohm", "ohm", 1e3)]
+)
+def test_readings_in_a_prefixed_unit_are_converted(write, unit, recorded_unit, size):
+    path = write(frames(), {"electrodes": 8, **ADJACENT, "unit": unit}, "skin.npy")
+    recording = importers.load(path)
+    assert recording.metadata["unit"] == recorded_unit
+    assert np.array_equal(recording.readings, size * frames())
 
 
 def test_an_exponent_without_a_point_is_a_number(write):

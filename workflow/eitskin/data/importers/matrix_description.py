@@ -32,6 +32,14 @@ MEANT = {  # names of columns that people give to labels
 MIN_COMMON_LETTERS = (
     3  # letters that a column's name and its label's have in common, or the whole name
 )
+UNITS = {  # of tables, with the unit of recordings and what one of them is in it
+    "mV": ("V", 1e-3),
+    "uV": ("V", 1e-6),
+    "µV": ("V", 1e-6),
+    "μV": ("V", 1e-6),  # the Greek letter
+    "mohm": ("ohm", 1e-3),
+    "kohm": ("ohm", 1e3),
+}
 KEYS = (*PROTOCOL, "order", *CHOICE_KEYS, "rate_Hz", "frame_s", "skin", "labels", "source")
 
 
@@ -61,6 +69,8 @@ def read_description(path: Path) -> dict:
     for key in ("drive", "order", "source"):
         if key in description and not isinstance(description[key], str):
             raise InputError(file, f"key {key}", repr(description[key]), "a word")
+    if str(description.get("unit")) in UNITS:
+        description["unit"], description["unit_size"] = UNITS[description["unit"]]
     if description.get("values") == "normalised":
         expected = (
             "difference: multiply each channel by the size of its untouched reading, which no "
