@@ -1,6 +1,5 @@
 """Errors of a JSON schema as place, actual and expected value."""
 
-import math
 from collections.abc import Callable, Iterable
 from difflib import get_close_matches
 
@@ -9,6 +8,7 @@ import yaml
 from jsonschema.exceptions import ValidationError, best_match
 
 from eitskin.physics.skin import is_number
+from eitskin.quantities import reads_as_number, yaml_number
 
 NOUNS = {
     "number": "a finite number",
@@ -67,7 +67,7 @@ def explained(error: ValidationError) -> tuple[list, str, str]:
     }
     saying = sayings.get(error.validator)
     expected = error.schema["description"] if saying is None else saying()
-    if isinstance(value, str) and _reads_as_number(value) and error.validator != "enum":
+    if isinstance(value, str) and reads_as_number(value) and error.validator != "enum":
         expected += f" ({_why_text(value)})"
     return place, "null" if value is None else repr(value), expected
 
@@ -84,29 +84,13 @@ def _noun(types: str | list[str]) -> str:
     return " or ".join(NOUNS[kind] for kind in ([types] if isinstance(types, str) else types))
 
 
-def _reads_as_number(text: str) -> bool:
-    try:
-        return math.isfinite(float(text))
-    except ValueError:
-        return False
-
-
 def _why_text(text: str) -> str:
     """Why a text that looks like a number is none."""
     if not isinstance(yaml.safe_load(text), int | float):
-        return f"YAML reads {text} as text; write {_yaml_number(text)}"
+        return f"YAML reads {text} as text; write {yaml_number(text)}"
     return (
         "text here: without quotes it is a number in a file, but none within {} on a command line"
     )
-
-
-def _yaml_number(text: str) -> str:
-    """A number as YAML 1.1 has it: with digits before a point, and a sign in its exponent."""
-    mantissa, _, exponent = text.lower().partition("e")
-    if not exponent:
-        return repr(float(text)) if "." in text else str(int(text))
-    mantissa = repr(float(mantissa))
-    return f"{mantissa}e{exponent if exponent[0] in '+-' else '+' + exponent}"
 
 
 def dotted(place: list) -> str:

@@ -23,15 +23,6 @@ UNPAIRED = re.compile("[\ud800-\udfff]")
 NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 
 
-class _Loader(yaml.SafeLoader):
-    """As SafeLoader, but 1e-3 is a number, as YAML 1.2 has it."""
-
-
-_Loader.add_implicit_resolver(
-    NUMBERS[1], re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+$"), [*"-+0123456789"]
-)
-
-
 def read(path: str | Path) -> dict:
     """The mapping of a YAML file.
 
@@ -49,7 +40,7 @@ def read(path: str | Path) -> dict:
         raise InputError(path, "file", f"more than {limit}", f"a YAML file of at most {limit}")
     text = utf_8(path, content, "a YAML file in UTF-8")
     try:
-        loader = _Loader(text)
+        loader = yaml.SafeLoader(text)
         document = loader.get_single_node()
         if document is not None:
             _measured(path, document, len(text) + MAX_ALIASED, {})

@@ -247,12 +247,9 @@ def test_readings_in_a_prefixed_unit_are_converted(write, unit, recorded_unit, s
     assert np.array_equal(recording.readings, size * frames())
 
 
-def test_an_exponent_without_a_point_is_a_number(write):
-    description = {"electrodes": 8, **ADJACENT, "unit": "V"}
-    path = write(frames(), description, "skin.npy")
-    with path.with_suffix(".yaml").open("a") as stream:
-        stream.write("skin: {current_A: 1e-3}\n")
-    assert importers.load(path).skin.current_A == 1e-3
+def test_an_exponent_without_a_point_is_refused_with_the_number_to_write(write):
+    path = write(frames(), {"electrodes": 8, **ADJACENT, "skin": {"current_A": "1e-3"}}, "skin.npy")
+    assert "write 1.0e-3" in refused(path, r"skin\.current_A: found '1e-3'")
 
 
 def test_names_that_people_give_to_labels_are_guessed_and_one_letter_in_common_is_not(write):

@@ -4,6 +4,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any, TypeGuard
 
 from eitskin.errors import InputError
+from eitskin.quantities import reads_as_number, yaml_number
 
 OPTIONAL = ("electrode_height_mm", "electrode_z_mm", "outline", "electrode_xy_mm")
 POSITIVE = (
@@ -112,7 +113,10 @@ def is_number(value: object) -> TypeGuard[int | float]:
 
 def _checked_number(file: str, key: str, value: object) -> float:
     if not is_number(value):
-        raise InputError(file, f"skin.{key}", repr(value), "a finite number or null")
+        expected = "a finite number or null"
+        if isinstance(value, str) and reads_as_number(value):
+            expected += f"; YAML reads {value} as text: write {yaml_number(value)}"
+        raise InputError(file, f"skin.{key}", repr(value), expected)
     if key in POSITIVE and value < 1.0 / LARGEST:
         expected = "more than 0" if value <= 0 else f"{1.0 / LARGEST:g} or more"
         raise InputError(file, f"skin.{key}", repr(value), expected)
