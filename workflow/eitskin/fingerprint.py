@@ -96,6 +96,12 @@ def _closure(names: tuple[str, ...]) -> frozenset[str]:
     return frozenset(visited)
 
 
+def imported_names(file: Path) -> tuple[str, ...]:
+    """Every name that an import statement of a file may load, also those inside functions: modules,
+    and names imported from them."""
+    return _parsed(file)[1]
+
+
 def _within(name: str) -> list[str]:
     return [name.rpartition(".")[0]] if "." in name else []
 

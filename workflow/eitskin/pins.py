@@ -1,7 +1,6 @@
 """Conda environments, envs/*.yaml: what the scripts of their rules import, at the pins of
 pyproject.toml. `python -m eitskin.pins` writes them."""
 
-import ast
 import re
 import sys
 import tomllib
@@ -10,9 +9,9 @@ from pathlib import Path
 
 from eitskin.atomic import atomic_path
 from eitskin.errors import InputError
+from eitskin.fingerprint import HOUSE, imported_names
 
 ROOT = Path(__file__).parents[2]
-HOUSE = ROOT / "workflow"
 RULE = re.compile(  # its environment and its script
     r'"\.\./\.\./envs/(?P<concern>\w+)\.yaml"'
     r"(?:(?!\n *rule ).)*?"
@@ -71,24 +70,12 @@ def imported_packages(script: str) -> set[str]:
         if file in visited:
             continue
         visited.add(file)
-        for name in _imports(file):
+        for name in imported_names(file):
             waiting += _files(name)
             module = name.partition(".")[0]
             if not (HOUSE / module).is_dir() and module not in sys.stdlib_module_names:
                 packages.add(PACKAGES.get(module, module.replace("_", "-")))
     return packages
-
-
-@cache
-def _imports(file: Path) -> tuple[str, ...]:
-    """Names that import statements of a file may load, also those inside functions."""
-    names: list[str] = []
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            names += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-    return tuple(names)
 
 
 def _files(name: str) -> list[Path]:
@@ -97,9 +84,9 @@ def _files(name: str) -> list[Path]:
     modules = _modules()
     parts = name.split(".")
     names = [".".join(parts[: k + 1]) for k in range(len(parts))]
-    prefixes = [BY_NAME[known] for known in names if known in BY_NAME and known in modules]
-    names += [known for known in modules if known.startswith(tuple(prefixes))]
-    return [modules[known] for known in names if known in modules]
+    prefixes = tuple(BY_NAME[name] for name in names if name in BY_NAME and name in modules)
+    names += [module for module in modules if module.startswith(prefixes)]
+    return [modules[name] for name in names if name in modules]
 
 
 @cache

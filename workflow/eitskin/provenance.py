@@ -62,12 +62,12 @@ def digest_of_file(path: str | Path) -> str:
         return NO_FILE
     status = os.stat(path)
     state = f"{status.st_size} {status.st_ino} {status.st_mtime_ns} {status.st_ctime_ns}"
-    known = Path(FILES, digest(os.path.abspath(path)))
-    known_state, _, content = (_content(known) or "").rpartition(" ")
-    if known_state != state:
+    cache_path = Path(FILES, digest(os.path.abspath(path)))
+    cached_state, _, content = (_content(cache_path) or "").rpartition(" ")
+    if cached_state != state:
         with open(path, "rb") as stream:
             content = hashlib.file_digest(stream, "sha256").hexdigest()
-        _write(known, f"{state} {content}")
+        _write(cache_path, f"{state} {content}")
     return content
 
 

@@ -82,10 +82,10 @@ def _changes(folder: Path, record: Path, content: dict) -> Iterator[str]:
     )
     if not planned.exists():
         return
-    now = provenance.planned_content(planned)
-    for key in sorted(content["parameters"].keys() | now["parameters"].keys()):
-        before, after = (document["parameters"].get(key) for document in (content, now))
-        if before != after:
-            yield f"{key}: {json.dumps(before)}, now {json.dumps(after)}"
-    for path in sorted(content["inputs"].keys() ^ now["inputs"].keys()):
+    plan = provenance.planned_content(planned)
+    for key in sorted(content["parameters"].keys() | plan["parameters"].keys()):
+        old, new = (document["parameters"].get(key) for document in (content, plan))
+        if old != new:
+            yield f"{key}: {json.dumps(old)}, now {json.dumps(new)}"
+    for path in sorted(content["inputs"].keys() ^ plan["inputs"].keys()):
         yield f"input: {'no more' if path in content['inputs'] else 'now also'} {path}"

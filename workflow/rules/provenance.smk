@@ -16,9 +16,14 @@ EXPAND_INPUT = {maker: maker.expand_input for maker in OURS}
 PATHS, INPUTS, PROVENANCES, STALE = {}, {}, {}, {}  # of jobs of this plan, by rule and wildcards
 
 
+def key_of(maker, wildcards):
+    """What tells a job from all others of this plan."""
+    return maker.name, *sorted(wildcards.items())
+
+
 def planned_path(maker, wildcards):
     """The path of the planned provenance of a job, which is named as its log."""
-    job = maker.name, *sorted(wildcards.items())
+    job = key_of(maker, wildcards)
     if job not in PATHS:
         log = maker.log[0].apply_wildcards(wildcards)
         name = log.rpartition("logs/")[2].removesuffix(".log")
@@ -28,7 +33,7 @@ def planned_path(maker, wildcards):
 
 def inputs_of(maker, wildcards):
     """The inputs of a job, as Snakemake expands them."""
-    job = maker.name, *sorted(wildcards.items())
+    job = key_of(maker, wildcards)
     if job not in INPUTS:
         INPUTS[job] = EXPAND_INPUT[maker](wildcards)
     return INPUTS[job]
@@ -36,7 +41,7 @@ def inputs_of(maker, wildcards):
 
 def provenance_of(maker, wildcards):
     """The provenance of what a job makes."""
-    job = maker.name, *sorted(wildcards.items())
+    job = key_of(maker, wildcards)
     if job not in PROVENANCES:
         PROVENANCES[job] = ""  # a param itself, while all are listed
         files = inputs_of(maker, wildcards)[0]
@@ -80,7 +85,7 @@ def output_index():
 def is_stale(maker, wildcards):
     """Whether what a job has made is of another provenance than planned, or anything that led to it:
     on a cluster a job may take code that was edited after those before it had begun."""
-    job = maker.name, *sorted(wildcards.items())
+    job = key_of(maker, wildcards)
     if job not in STALE:
         led = inputs_of(maker, wildcards)[0]
         before = [(rule, rule.get_wildcards(f)) for f in led for rule in makers_of(f) & RECORDED]

@@ -11,6 +11,12 @@ READ_FROM = {
 }
 
 
+def code_of_import(wildcards):
+    """A param: the fingerprint of an import, with the modules and files that read its recording."""
+    modules = importers.readers(*READ_FROM[wildcards.recording])
+    return fingerprint("import_recording", modules, importers.reader_files(modules))
+
+
 rule twin:
     """Recording of a simulated twin of a real skin."""
     output:
@@ -63,11 +69,7 @@ rule import_recording:
         },
         skin=of_recording("skin"),
         frames=of_recording("frames"),
-        code=lambda wildcards: fingerprint(
-            "import_recording",
-            importers.readers(*READ_FROM[wildcards.recording]),
-            importers.reader_files(*READ_FROM[wildcards.recording]),
-        ),
+        code=code_of_import,
     message:
         "Reading the recording {wildcards.recording}"
     script:

@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 from zlib import crc32
 
 import numpy as np
-import pandas as pd
 
-from eitskin.data.recording import Recording, frames_table
+from eitskin.data.recording import Recording
 from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
 from witness.cases import log_uniform, owners_metadata
+from witness.schedule import untouched_frames
 from witness.world import World
 
 PROTOCOLS = ("8 adjacent", "16 adjacent", "16 opposite", "16 skip-3", "32 adjacent")
@@ -85,7 +85,7 @@ def draw(kind: str, seed: int) -> Dense:
     laws.append({"name": "multiplexer-memory", "parameters": {"mu": memory}})
     channels = channel_table(count, protocol, "adjacent")
     frames = int(rng.choice(FRAMES))
-    states = _untouched(frames)
+    states = untouched_frames(frames, 0.05)
     clean = World(believed, channels, 0.04).readings(states.iloc[:1], laws)[0]
     noise = log_uniform(rng, *LEVELS) * float(np.median(np.abs(clean)))
     voltage = clean + noise * rng.standard_normal((frames, len(channels)))
@@ -210,9 +210,3 @@ def _laws(families: dict[str, np.ndarray], skin: Skin) -> list[dict]:
         }
         laws.append({"name": "domain-shape", "parameters": parameters})
     return laws
-
-
-def _untouched(count: int) -> pd.DataFrame:
-    """States of frames in which nobody touches."""
-    frames = frames_table(np.round(0.05 * np.arange(count), 4), np.zeros(count, bool))
-    return frames.assign(contact=pd.array([None] * count, dtype="Int64"))

@@ -18,14 +18,14 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import minimize_scalar
 
-from eitskin.data.recording import Recording, frames_table
+from eitskin.data.recording import Recording
 from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table, every_channel, undriven
 from eitskin.physics.skin import Skin
 from witness import rig_errors
 from witness.cases import log_uniform, owners_metadata, signature
 from witness.rig_errors import USUAL, RigError
-from witness.schedule import Keep, query_frames, recording_frames
+from witness.schedule import Keep, query_frames, recording_frames, untouched_frames
 from witness.world import World
 
 LEVELS = (3e-4, 5e-3)  # range of the noise over the median |v|
@@ -203,7 +203,7 @@ def _frames(
 ) -> tuple[pd.DataFrame, pd.DataFrame | None]:
     """The states of the recording and, where the skin is touched, of the query after it."""
     if not plan.touched:
-        return _untouched_frames(int(rng.integers(FRAMES[0], FRAMES[1] + 1)), frame_s), None
+        return untouched_frames(int(rng.integers(FRAMES[0], FRAMES[1] + 1)), 1.05 * frame_s), None
     assert plan.true.radius_mm is not None
     room = plan.room * plan.true.radius_mm
     states = recording_frames(rng, room, frame_s, Keep())
@@ -232,13 +232,6 @@ def snr_beyond_sheet(
     if believed.contact_impedivity_ohm_m2 is not None:
         return remaining_snr(0.0)
     return float(minimize_scalar(remaining_snr, bounds=CONTACTS, method="bounded").fun)
-
-
-def _untouched_frames(count: int, frame_s: float) -> pd.DataFrame:
-    """Consecutive untouched frames."""
-    time = np.round(1.05 * frame_s * np.arange(count), 4)
-    frames = frames_table(time, np.zeros(count, bool))
-    return frames.assign(contact=pd.array([None] * count, dtype="Int64"))
 
 
 def _between(rng: np.random.Generator, low: float, high: float) -> float:

@@ -78,6 +78,12 @@ def _table(rows: list[tuple], presses: list[int]) -> pd.DataFrame:
     return table.assign(contact=contact)
 
 
+def untouched_frames(count: int, period_s: float) -> pd.DataFrame:
+    """Untouched frames, one every `period_s`."""
+    frames = frames_table(np.round(period_s * np.arange(count), 4), np.zeros(count, bool))
+    return frames.assign(contact=pd.array([None] * count, dtype="Int64"))
+
+
 def recording_frames(
     rng: np.random.Generator,
     radius_mm: float,

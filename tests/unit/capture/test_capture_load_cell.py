@@ -28,26 +28,6 @@ def test_the_load_cell_of_the_paper(line, newtons):
     assert hx711_newtons(line) == newtons
 
 
-@pytest.mark.parametrize(
-    ("line", "reason"),
-    [
-        (b"1.2345\n", "half line"),
-        (b"1.2345", "half line"),
-        (b".2345\r\n", "form"),
-        (b"1.23451.2345\r\n", "form"),
-        (b"1.234\r\n", "form"),
-        (b"01.2345\r\n", "form"),
-        (b"nan\r\n", "form"),
-        (b"1e3\r\n", "form"),
-        (b" 1.2345\r\n", "form"),
-        (b"\xb1.2345\r\n", "form"),
-        (b"999.0000\r\n", "range"),
-    ],
-)
-def test_lines_that_are_no_force(line, reason):
-    assert hx711_newtons(line).reason == reason
-
-
 def test_a_load_cell_that_greets_has_restarted():
     assert isinstance(hx711_newtons(b"Load cell ready. Readings in Newtons (N):\r\n"), Restart)
     assert isinstance(openscale_newtons(b"Serial Load Cell Converter version 1.2\r\n"), Restart)
@@ -59,15 +39,26 @@ def test_an_openscale():
 
 
 @pytest.mark.parametrize(
-    ("line", "reason"),
+    ("newtons", "line", "reason"),
     [
-        (b"51588,0.8300,lbs,24.75,\r\n", "unit"),
-        (b"51588,0.83,kg,24.75,\r\n", "resolution"),
-        (b"51588,0.8301,kg\r\n", "form"),
-        (b"51588,0.8301,kg,\n", "half line"),
-        (b"0.8301,kg,\r\n", "form"),
-        (b"51588,99.0000,kg,\r\n", "range"),
+        (hx711_newtons, b"1.2345\n", "half line"),
+        (hx711_newtons, b"1.2345", "half line"),
+        (hx711_newtons, b".2345\r\n", "form"),
+        (hx711_newtons, b"1.23451.2345\r\n", "form"),
+        (hx711_newtons, b"1.234\r\n", "form"),
+        (hx711_newtons, b"01.2345\r\n", "form"),
+        (hx711_newtons, b"nan\r\n", "form"),
+        (hx711_newtons, b"1e3\r\n", "form"),
+        (hx711_newtons, b" 1.2345\r\n", "form"),
+        (hx711_newtons, b"\xb1.2345\r\n", "form"),
+        (hx711_newtons, b"999.0000\r\n", "range"),
+        (openscale_newtons, b"51588,0.8300,lbs,24.75,\r\n", "unit"),
+        (openscale_newtons, b"51588,0.83,kg,24.75,\r\n", "resolution"),
+        (openscale_newtons, b"51588,0.8301,kg\r\n", "form"),
+        (openscale_newtons, b"51588,0.8301,kg,\n", "half line"),
+        (openscale_newtons, b"0.8301,kg,\r\n", "form"),
+        (openscale_newtons, b"51588,99.0000,kg,\r\n", "range"),
     ],
 )
-def test_lines_that_are_no_openscale_force(line, reason):
-    assert openscale_newtons(line).reason == reason
+def test_lines_that_are_no_force(newtons, line, reason):
+    assert newtons(line).reason == reason

@@ -74,10 +74,10 @@ def board_source(
     and for one that is not described.
     """
     candidates = [board.read(name) for name in (board.NAMES if profile is None else (profile,))]
-    eit_board = next((known for known in candidates if _has_channels(known, trained_on)), None)
+    eit_board = next((item for item in candidates if _has_channels(item, trained_on)), None)
     if eit_board is None:
         channels = f"{len(trained_on['channels'])} channels of {trained_on['name']}"
-        expected = f"those of a board: {', '.join(known.name for known in candidates)}"
+        expected = f"those of a board: {', '.join(item.name for item in candidates)}"
         raise InputError("recording", "channels", channels, f"{expected}; --board names another")
     if (trained_on.get("voltage"), trained_on["unit"]) != (eit_board.voltage, eit_board.unit):
         voltage = f"{trained_on.get('voltage')} {trained_on['unit']} of {trained_on['name']}"

@@ -169,9 +169,9 @@ def unlabelled_touches(recording: Recording) -> list[Finding]:
     stretches = unlabelled.unlabelled_touches(recording)
     if len(stretches) > MAX_TOLD:
         frames = np.concatenate([np.arange(first, last + 1) for first, last in stretches])
-        told = [(f"{len(stretches)} times, in {naming.frames(frames)},", frames[0], len(frames))]
+        places = [(f"{len(stretches)} times, in {naming.frames(frames)},", frames[0], len(frames))]
     else:
-        told = [
+        places = [
             (f"in {unlabelled.stretch_text((first, last))}", first, last - first + 1)
             for first, last in stretches
         ]
@@ -183,9 +183,9 @@ def unlabelled_touches(recording: Recording) -> list[Finding]:
             " level of the untouched frames as a touch makes them, and come back to it. A diagnosis"
             " leaves these frames out.",
             float(count),
-            frame=int(first),
+            frame=int(first_row),
         )
-        for place, first, count in told
+        for place, first_row, count in places
     ]
 
 

@@ -9,7 +9,9 @@ frames that are left out unless one is passed to `load` as `part`, of several fr
 same, or raises InputError that says what it lacks.
 """
 
+from collections.abc import Iterable
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
 from types import ModuleType
@@ -106,9 +108,9 @@ def readers(path: str | Path, format: str | None = None) -> list[str]:
     return [] if module is None else [module.__name__]
 
 
-def reader_files(path: str | Path, format: str | None = None) -> list[Path]:
-    """The files of the project other than modules, by which `load` reads a path."""
-    return [*getattr(_reader(Path(path), format), "FILES", ())]
+def reader_files(modules: Iterable[str]) -> list[Path]:
+    """The files of the project, other than modules, that `readers` read themselves."""
+    return [file for name in modules for file in getattr(import_module(name), "FILES", ())]
 
 
 def _reader(path: Path, format: str | None) -> ModuleType | None:

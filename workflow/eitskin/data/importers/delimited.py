@@ -174,12 +174,13 @@ def _log_times(text: str) -> list[float]:
     Times are numbers, in seconds, or of ISO 8601.
     """
     head = text.partition("\n")[0]
-    names = [cell.strip(' "').lower() for cell in head.split(_separator(head))]
+    separator = _separator(head)
+    names = [cell.strip(' "').lower() for cell in head.split(separator)]
     column = next((k for k, name in enumerate(names) if name in TIMES), None)
     if column is None or LOGGED.search(head):
         return []
     try:
-        table = list(csv.reader(StringIO(text), delimiter=_separator(head) or " "))
+        table = list(csv.reader(StringIO(text), delimiter=separator or " "))
         times = [row[column] for row in table if any(map(LOGGED.search, row))]
         return [_seconds(time.strip()) for time in times]
     except (csv.Error, IndexError, ValueError):

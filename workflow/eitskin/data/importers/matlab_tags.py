@@ -34,10 +34,9 @@ def is_consistent(path: Path, content: bytes) -> bool:
             return False
         for kind, data in _elements(memoryview(content)[HEADER:], order):
             if kind == COMPRESSED:
-                for unfolded in _unfolded_sizes(data):
-                    size += unfolded
-                    unfolding.refuse(path, size)
-                if not _arrays(memoryview(zlib.decompress(data)), order):
+                unfolded = _unfolded(path, data, size)
+                size += len(unfolded)
+                if not _arrays(memoryview(unfolded), order):
                     return False
             elif kind != ARRAY or not _array(data, order):
                 return False
@@ -46,11 +45,17 @@ def is_consistent(path: Path, content: bytes) -> bool:
         return False
 
 
-def _unfolded_sizes(data: memoryview) -> Iterator[int]:
-    """The bytes to which each piece of compressed data unfolds."""
-    unfolder = zlib.decompressobj()
+def _unfolded(path: Path, data: memoryview, unfolded_before: int) -> bytes:
+    """What compressed data unfold to; raises InputError where that, beside `unfolded_before` bytes,
+    is too much, and zlib.error for data that do not end."""
+    unfolder, pieces, size = zlib.decompressobj(), [], unfolded_before
     for start in range(0, len(data), PIECE_BYTES):
-        yield len(unfolder.decompress(data[start : start + PIECE_BYTES]))
+        pieces.append(unfolder.decompress(data[start : start + PIECE_BYTES]))
+        size += len(pieces[-1])
+        unfolding.refuse(path, size)
+    if not unfolder.eof:
+        raise zlib.error("compressed data that do not end")
+    return b"".join(pieces)
 
 
 def _arrays(content: memoryview, order: str) -> bool:

@@ -235,7 +235,9 @@ def _recording(path: Path, description: dict, table: Table, layout: Layout) -> R
         frames["temperature_C"] = labels["temperature_C"]
     for name in (name for name in labels if name.startswith(NOTE)):
         frames[name] = labels[name]
-    readings = description.get("unit_size", 1.0) * layout.readings(table.readings)
+    readings = layout.readings(table.readings)
+    if "unit_size" in description:
+        readings = description["unit_size"] * readings
     has_labels = "touch" in labels or {"x_mm", "y_mm"} <= labels.keys()
     untouched_remark = "" if has_labels else bare_vectors.UNTOUCHED
     kind = description.get("voltage", bare_vectors.voltage_kind(readings))

@@ -21,7 +21,7 @@ DESCRIBING_KEYS = (
 CHOICE_KEYS = ("voltage", "unit", "values", "position_frame", "clock")
 PLACED = ("x_mm", "y_mm", "force_N", "probe_mm", "depth_mm")
 LABELS = ("time_s", "touch", *PLACED, "contact", "session", "temperature_C")
-MEANT = {  # names of columns that people give to labels
+USUAL_NAMES = {  # names of columns that people give to labels
     "x_mm": "p_?x|x_?pos(ition)?|pos(ition)?_?x|tip_?x|x",
     "y_mm": "p_?y|y_?pos(ition)?|pos(ition)?_?y|tip_?y|y",
     "probe_mm": "(probe|tip|indenter)(_?(diameter|d|size))?|diameter",
@@ -143,13 +143,7 @@ def missing_labels(path: Path, names: Sequence[str]) -> InputError | None:
         return None
     labels: dict[str, str] = {}
     for name in odd_names:
-        free_labels = [label for label in LABELS if label not in labels]
-        meant = [
-            label for label in free_labels if re.fullmatch(MEANT.get(label, "(?!)"), name, re.I)
-        ]
-        nearest = max(free_labels, key=lambda label: _common_prefix_length(label, name), default="")
-        is_near = _common_prefix_length(nearest, name) >= min(MIN_COMMON_LETTERS, len(name))
-        labels[meant[0] if meant else nearest if is_near else f"{NOTE}{name}"] = name
+        labels[_probable_label(name, [label for label in LABELS if label not in labels])] = name
     guess = ", ".join(f"{label}: {name}" for label, name in labels.items())
     count = len(names) - len(odd_names)
     columns = f"columns {', '.join(odd_names)}"
@@ -159,6 +153,17 @@ def missing_labels(path: Path, names: Sequence[str]) -> InputError | None:
         f"guessed, to be corrected: {example_text[:-1]}, labels: {{{guess}}}}}"
     )
     return InputError(path, "columns", violation, expected)
+
+
+def _probable_label(name: str, free_labels: list[str]) -> str:
+    """The label that people mean by a column's name, else the one that begins as it does, else a
+    note."""
+    for label in free_labels:
+        if re.fullmatch(USUAL_NAMES.get(label, "(?!)"), name, re.IGNORECASE):
+            return label
+    nearest = max(free_labels, key=lambda label: _common_prefix_length(label, name), default="")
+    is_near = _common_prefix_length(nearest, name) >= min(MIN_COMMON_LETTERS, len(name))
+    return nearest if is_near else f"{NOTE}{name}"
 
 
 def _common_prefix_length(label: str, name: str) -> int:

@@ -102,8 +102,10 @@ def refuse_unnamed_rows(path: Path, names: list[str], values: np.ndarray) -> Non
     if {*ELECTRODES} <= {*lower}:
         columns = [lower.index(name) for name in ELECTRODES]
     else:
-        whole = (values == np.round(values)).all(axis=0) & (np.abs(values) <= MAX_ELECTRODES).all(0)
-        columns = [k for k, name in enumerate(lower) if whole[k] and name not in FRAMES]
+        is_number = (values == np.round(values)) & (np.abs(values) <= MAX_ELECTRODES)
+        columns = [
+            k for k, name in enumerate(lower) if is_number[:, k].all() and name not in FRAMES
+        ]
         if len(columns) != len(ELECTRODES):
             return
     a, b, m, n = values[:, columns].T
@@ -111,12 +113,12 @@ def refuse_unnamed_rows(path: Path, names: list[str], values: np.ndarray) -> Non
         return
     electrodes = ", ".join(names[k] for k in columns)
     others = ", ".join(name for k, name in enumerate(names) if k not in columns)
-    found = f"{electrodes}, as of a reading a row, and {others}"
+    violation = f"{electrodes}, as of a reading a row, and {others}"
     expected = (
         "electrodes named a, b (drive), m, n (measurement), and the reading r (ohm) or u (V); an"
         " apparent resistivity over its geometric factor"
     )
-    raise InputError(path, "columns", found, expected)
+    raise InputError(path, "columns", violation, expected)
 
 
 def frames_of_rows(
