@@ -8,7 +8,7 @@ import yaml
 from jsonschema.exceptions import ValidationError, best_match
 
 from eitskin.physics.skin import is_number
-from eitskin.quantities import reads_as_number, yaml_number
+from eitskin.yaml_number import reads_as_number, yaml_number
 
 NOUNS = {
     "number": "a finite number",

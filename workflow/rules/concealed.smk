@@ -37,7 +37,7 @@ for block, number, cases in numbered(UNSEALED):
                 "rig": BLOCKS[block].get("rig", False),
             },
             real=REAL_SETS,
-            code=fingerprint("conceal", CATALOGUE + READERS),
+            code=fingerprint("conceal", CATALOGUE + IMPORTERS),
         message:
             f"Concealing effects in recordings: {block}, batch {number}"
         script:
@@ -134,7 +134,7 @@ for block, number, cases in numbered(UNFITTED):
         params:
             cases=cases,
             seed=config["seed"],
-            code=fingerprint("oracle", CATALOGUE + READERS),
+            code=fingerprint("oracle", CATALOGUE + IMPORTERS),
         message:
             f"Fitting what was concealed: {block}, batch {number}"
         script:
@@ -278,7 +278,7 @@ rule concealed_score:
         mem_mb=1000,
         runtime=15,
     params:
-        code=fingerprint("concealed_score", CATALOGUE + READERS),
+        code=fingerprint("concealed_score", CATALOGUE + IMPORTERS),
     message:
         "Scoring the opened block {wildcards.block}"
     script:
@@ -351,7 +351,7 @@ rule concealed_case:
         mem_mb=1000,
         runtime=5,
     params:
-        code=fingerprint("concealed_case", CATALOGUE + READERS, [SCHEMA]),
+        code=fingerprint("concealed_case", CATALOGUE + IMPORTERS, [SCHEMA]),
     message:
         "Drawing one concealed case"
     script:

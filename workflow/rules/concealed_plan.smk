@@ -1,6 +1,5 @@
 from pathlib import Path
 
-from eitskin.data import importers
 from proof.blocks import case_batches, case_names
 from proof.real_sets import listed
 
@@ -28,7 +27,6 @@ UNOPENED = before("opened/opened.json")
 UNFITTED = before("oracle/{case}.json")  # by the oracle
 # What some cases are made of.
 REAL_SETS = [str(path) for path in listed().values() if path.exists()]
-READERS = sorted({module for path in REAL_SETS for module in importers.readers(path)})
 
 
 CASE = f"{PUBLIC}/{{block}}/{{part}}/{{case}}"

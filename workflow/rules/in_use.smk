@@ -1,8 +1,10 @@
 # What the code of rules finds by name: the effects, formats and models in use, for their fingerprints.
+from eitskin.data import importers
 from eitskin.effects import catalogue_names, modules
 from eitskin.learn import models
 
 CATALOGUE = modules(catalogue_names())  # what a diagnosis may name
+IMPORTERS = importers.modules()
 
 
 def of_configuration(key):
@@ -26,6 +28,12 @@ def names_of(effects):
 def of_model(script):
     """A param: the fingerprint of a script that makes or applies the model of its job."""
     return lambda wildcards: fingerprint(script, [models.model(wildcards.model).module])
+
+
+def code_of_import(wildcards):
+    """A param: the fingerprint of an import, with the modules and files that read its recording."""
+    modules = importers.readers(*READ_FROM[wildcards.recording])
+    return fingerprint("import_recording", modules, importers.reader_files(modules))
 
 
 def memory_MB(wildcards):

@@ -1,5 +1,4 @@
 from eitskin.configuration import captured_path
-from eitskin.data import importers
 
 # Of the others, a rig has put the file where it is to be.
 BROUGHT = [
@@ -9,12 +8,6 @@ BROUGHT = [
 READ_FROM = {
     name: (item["path"], item.get("format")) for name, item in config["recordings"].items()
 }
-
-
-def code_of_import(wildcards):
-    """A param: the fingerprint of an import, with the modules and files that read its recording."""
-    modules = importers.readers(*READ_FROM[wildcards.recording])
-    return fingerprint("import_recording", modules, importers.reader_files(modules))
 
 
 rule twin:

@@ -12,7 +12,7 @@ from eitskin.effects import EFFECTS
 HOUSE = Path(__file__).parents[3] / "workflow"
 FLOORS = (  # from the ground up; what stands on one floor does not know each other
     {"errors", "plotting"},
-    {"progress", "quantities"},
+    {"progress", "quantities", "yaml_number"},
     {"atomic", "cores", "fingerprint", "text_file", "unfolding"},
     {"figure_files", "pins", "physics", "provenance"},
     {"schema", "effects", "why"},

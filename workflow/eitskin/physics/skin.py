@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any, TypeGuard
 
 from eitskin.errors import InputError
-from eitskin.quantities import reads_as_number, yaml_number
+from eitskin.yaml_number import reads_as_number, yaml_number
 
 OPTIONAL = ("electrode_height_mm", "electrode_z_mm", "outline", "electrode_xy_mm")
 POSITIVE = (

@@ -1,0 +1,20 @@
+"""Numbers that YAML 1.1 reads as text, such as 1e-3: whether a text is one, and how to write it."""
+
+import math
+
+
+def reads_as_number(text: str) -> bool:
+    """Whether a text is that of a finite number."""
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
+
+
+def yaml_number(text: str) -> str:
+    """A number as YAML 1.1 has it: with digits before a point, and a sign in its exponent."""
+    mantissa, _, exponent = text.lower().partition("e")
+    if not exponent:
+        return repr(float(text)) if "." in text else str(int(text))
+    mantissa = repr(float(mantissa))
+    return f"{mantissa}e{exponent if exponent[0] in '+-' else '+' + exponent}"
