@@ -307,7 +307,7 @@ def test_small_patches_of_one_equivalent_radius_look_alike(contrast):
     protocol = channel_table(len(GEOMETRY.electrode_deg))
 
     def change(radius_mm, contrast):
-        there = GEOMETRY.with_values(patch=Patch(12.0, 5.0, radius_mm, contrast))
+        there = GEOMETRY.with_values(patches=(Patch(12.0, 5.0, radius_mm, contrast),))
         return forward_model(there, "train").voltages(protocol) - base.voltages(protocol)
 
     ((radius_mm, unit),) = patch.combination.amounts(
@@ -320,12 +320,12 @@ def test_small_patches_of_one_equivalent_radius_look_alike(contrast):
     assert np.linalg.norm(found - alike) < 0.02 * np.linalg.norm(found)
 
 
-def test_one_patch():
-    patch = {"name": "conductivity-patch", "parameters": PATCH}
-    chosen = settings([patch], COUNTS, (0, 0))
-    assert apply_skin(GEOMETRY, chosen, START).patch == Patch(25.0, 5.0, 9.0, 1.3)
-    with pytest.raises(InputError, match="two of them, expected one patch"):
-        apply_skin(GEOMETRY, chosen * 2, START)
+def test_patches_stand_beside_each_other():
+    second = {**PATCH, "x_mm": -25.0}
+    patches = [{"name": "conductivity-patch", "parameters": p} for p in (PATCH, second)]
+    chosen = settings(patches, COUNTS, (0, 0))
+    expected = Patch(25.0, 5.0, 9.0, 1.3), Patch(-25.0, 5.0, 9.0, 1.3)
+    assert apply_skin(GEOMETRY, chosen, START).patches == expected
 
 
 @pytest.mark.parametrize(

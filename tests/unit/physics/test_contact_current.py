@@ -53,7 +53,7 @@ def test_against_finite_elements(layers):
     currents = np.zeros((elements._size, 17))
     currents[elements._terminals, range(16)] = 1.0
     currents[: len(load), 16] = load / load.sum()
-    forward = forward_model(SKIN.with_values(patch=Patch(0.0, 0.0, 40.0, patch)))
+    forward = forward_model(SKIN.with_values(patches=(Patch(0.0, 0.0, 40.0, patch),)))
     expected, even = (
         currents.T @ elements.factored(sheet).solve(currents)
         for sheet in (conductance, np.full(len(r), 1.5e-3))
@@ -139,7 +139,7 @@ def test_an_eccentric_touch_against_its_surface_charges():
         (0.4, [(0.4 + 0.2j, 0.3), (0.4 + 0.3j, 0.1)]),
     ):
         centre, radius = (80.0 * np.array(part) for part in circles[0])
-        skin = points.with_values(patch=Patch(centre.real, centre.imag, radius, factor))
+        skin = points.with_values(patches=(Patch(centre.real, centre.imag, radius, factor),))
         expected = reference.mean_inside(np.radians(ELECTRODES), circles, [factor, 4.0])
         found = forward_model(skin).contact(32.0, 24.0, 8.0).impedance_change([3.0])[0, -1, :-1]
         expected = RESISTANCE * (expected - expected[0])
@@ -147,7 +147,7 @@ def test_an_eccentric_touch_against_its_surface_charges():
 
 
 def test_more_conductivity_takes_less_power():
-    forward = forward_model(SKIN.with_values(patch=Patch(30.0, 20.0, 15.0, 2.0)))
+    forward = forward_model(SKIN.with_values(patches=(Patch(30.0, 20.0, 15.0, 2.0),)))
     less, more = (terminals(forward, (30.0, 22.0, 6.0), c) for c in (0.5, 3.0))
     assert np.linalg.eigvalsh(less - more).min() > -1e-9 * np.abs(less).max()
     assert np.linalg.eigvalsh(more).min() > 0
@@ -157,7 +157,9 @@ def test_refusals():
     with pytest.raises(InputError, match="clipped by the rim"):
         Forward(SKIN).contact(78.0, 0.0, 8.0)
     with pytest.raises(InputError, match="across a patch's edge"):
-        forward_model(SKIN.with_values(patch=Patch(30.0, 0.0, 9.0, 2.0))).contact(39.0, 0.0, 5.0)
+        forward_model(SKIN.with_values(patches=(Patch(30.0, 0.0, 9.0, 2.0),))).contact(
+            39.0, 0.0, 5.0
+        )
     with pytest.raises(InputError, match="gradient of the conductivity"):
         Forward(SKIN.with_values(gradient_across=0.1)).contact(30.0, 0.0, 5.0)
 

@@ -39,7 +39,7 @@ CROSSING = {
 
 def patched(centre, radius, contrast, skin=POINTS):
     centre = complex(centre)
-    return skin.with_values(patch=Patch(centre.real, centre.imag, radius, contrast))
+    return skin.with_values(patches=(Patch(centre.real, centre.imag, radius, contrast),))
 
 
 def error(found, expected):
@@ -110,6 +110,32 @@ def test_circles_that_do_not_cross(place, factor):
         for accuracy, bound in (("train", 1e-5), ("diagnose", 1e-7)):
             forward = forward_model(patched(place[2], place[3], factor), accuracy)
             assert error(touch_change(forward, place, contrast), expected) < bound
+
+
+@pytest.mark.parametrize("gap_mm", [20.0, 2.0, 0.5])
+def test_several_patches(gap_mm):
+    circles = [(-20.0, 16.0), (6.0 + gap_mm, 10.0), (-50j, 6.0)]
+    factors = [0.1, 20.0, 2.5]
+    places = [(complex(z).real, complex(z).imag, radius) for z, radius in circles]
+    pairs = list(zip(places, factors, strict=True))
+    bare, patches = Forward(POINTS), tuple(Patch(*place, factor) for place, factor in pairs)
+    expected = reference.change(
+        np.radians(ELECTRODES), [(z / 80, radius / 80) for z, radius in circles[:2]], factors[:2]
+    )
+    both = forward_model(POINTS.with_values(patches=patches[:2])).voltages(CHANNELS)
+    changed = both - bare.voltages(CHANNELS)
+    assert error(changed, channel_values(expected, CHANNELS) * RESISTANCE) < 1e-7
+    three = forward_model(POINTS.with_values(patches=patches))
+    touches = [Touch(*place, factor - 1.0) for place, factor in pairs]
+    assert error(three.voltages(CHANNELS), bare.voltages(CHANNELS, touches)) < 1e-7
+    with pytest.raises(InputError, match="one on a skin with several patches, expected none"):
+        three.place(50.0, 40.0, 5.0)
+
+
+def test_patches_that_overlap_are_refused():
+    patches = Patch(0.0, 0.0, 10.0, 2.0), Patch(15.0, 0.0, 10.0, 3.0)
+    with pytest.raises(InputError, match="two that overlap"):
+        forward_model(SKIN.with_values(patches=patches))
 
 
 @pytest.mark.parametrize("factor", [0.4, 2.5])

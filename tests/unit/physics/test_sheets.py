@@ -119,7 +119,7 @@ def test_results_stay_where_they_were_found():
     ("other", "told"),
     [
         (BASE.with_values(gradient_across=0.1), "gradient_across"),
-        (BASE.with_values(patch=Patch(0.0, 0.0, 9.0, 2.0)), "patch"),
+        (BASE.with_values(patches=(Patch(0.0, 0.0, 9.0, 2.0),)), "patch"),
         (BASE.with_values(deep=True, electrode_height_mm=2.0), "deep"),
         (BASE.with_values(electrode_width_mm=0.0), "electrode_width_mm"),
         (

@@ -71,7 +71,7 @@ def test_a_body_counts_for_many_sheets_and_the_larger_for_more():
     crowded = near.solve(BODY.with_values(contact_impedivity_ohm_m2=2e-4), "train")
     assert 1.0 < plain.effort < crowded.effort
     assert near.effort == 1.0 + plain.effort + crowded.effort
-    patched = near.solve(SHEET.with_values(patch=Patch(20.0, 10.0, 15.0, 2.0)), "train")
+    patched = near.solve(SHEET.with_values(patches=(Patch(20.0, 10.0, 15.0, 2.0),)), "train")
     assert patched.effort == 1.0
     assert forward_model(SHEET, "train").touch_effort < patched.touch_effort
     assert forward_model(SHEET, "train").touch_effort < plain.touch_effort

@@ -48,9 +48,9 @@ def test_kinds_of_one_place_share_the_room(monkeypatch):
     assert place not in kept  # the oldest of either kind
 
 
-@pytest.mark.parametrize("patch", [None, Patch(20.0, 10.0, 12.0, 3.0)])
+@pytest.mark.parametrize("patch", [(), (Patch(20.0, 10.0, 12.0, 3.0),)])
 def test_a_new_place_that_leaks_has_its_edge_found_once(monkeypatch, patch):
-    skin = forward_model(SKIN.with_values(patch=patch))
+    skin = forward_model(SKIN.with_values(patches=patch))
     edges, find = [], type(skin).edge
     monkeypatch.setattr(type(skin), "edge", lambda *a: edges.append(find(*a)) or edges[-1])
     for _ in range(2):
@@ -63,7 +63,7 @@ def test_a_new_place_that_leaks_has_its_edge_found_once(monkeypatch, patch):
     [
         SKIN,
         SKIN.with_values(gradient_across=0.2),
-        SKIN.with_values(patch=Patch(20.0, 10.0, 12.0, 3.0)),
+        SKIN.with_values(patches=(Patch(20.0, 10.0, 12.0, 3.0),)),
         SKIN.with_values(deep=True, electrode_height_mm=2.0),
     ],
     ids=["sheet", "gradient", "patch", "body"],
@@ -107,9 +107,9 @@ def test_a_patch_that_moves_meets_the_touches_of_the_one_before(monkeypatch):
     monkeypatch.setattr(patch, "TouchEdge", lambda *a, **k: made.append(a[0].x_mm) or edge(*a, **k))
     near, counts = None, []
     for own in patches:
-        alone = forward_model(SKIN.with_values(patch=own)).places(places)
+        alone = forward_model(SKIN.with_values(patches=(own,))).places(places)
         made.clear()
-        near = forward_model(SKIN.with_values(patch=own), donor=near)
+        near = forward_model(SKIN.with_values(patches=(own,)), donor=near)
         for one, other in zip(near.places(places), alone, strict=True):
             assert np.array_equal(one.gains, other.gains) and np.array_equal(one.poles, other.poles)
         counts.append(len(made))
@@ -121,7 +121,7 @@ def test_a_patch_that_moves_meets_the_touches_of_the_one_before(monkeypatch):
 def test_touches_that_serve_one_patch_alone_take_no_room(monkeypatch):
     """Edges across the patch's take 50 times as much as others."""
     places = [(20.0 + shift, 20.0, 6.0) for shift in np.linspace(-3.0, 3.0, 12)]  # across it
-    near = forward_model(SKIN.with_values(patch=Patch(20.0, 10.0, 12.0, 3.0)))
+    near = forward_model(SKIN.with_values(patches=(Patch(20.0, 10.0, 12.0, 3.0),)))
     near.places([(-30.0, 5.0, 6.0), *places])
     kept = [place for kind, place in near.bare._touch_cache._responses if kind is patch.BareTouch]
     assert kept == [(-30.0, 5.0, 6.0)]

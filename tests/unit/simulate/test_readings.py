@@ -140,7 +140,7 @@ def test_the_gain_follows_the_force_of_the_moment():
 def test_touches_multiply_the_patch():
     patch = {"x_mm": 28.0, "y_mm": 6.0, "radius_mm": 9.0, "contrast": 0.5}
     found = run(effect("conductivity-patch", **patch), accuracy="diagnose")
-    forward = forward_model(BASE.with_values(patch=Patch(**patch)))
+    forward = forward_model(BASE.with_values(patches=(Patch(**patch),)))
     for k in range(6):
         expected = 1e-3 * forward.voltages(CHANNELS, touches(k))
         assert np.allclose(found[k], expected, rtol=1e-9)

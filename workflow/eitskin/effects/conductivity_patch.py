@@ -3,7 +3,6 @@
 import numpy as np
 
 from eitskin.effects.effect import Combination, Moment, Parameter, Setting, SkinEffect
-from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry, Patch
 from eitskin.physics.skin import Skin
 
@@ -63,7 +62,5 @@ class ConductivityPatch(SkinEffect):
         return [{"x_mm": p.real, "y_mm": p.imag, "radius_mm": radius_mm} for p in places]
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
-        """The geometry with the patch. Raises InputError where it has one."""
-        if geometry.patch is not None:
-            raise InputError("effects", self.name, "two of them", "one patch")
-        return geometry.with_values(patch=Patch(**setting.values))
+        """The geometry with the patch beside those that it has."""
+        return geometry.with_values(patches=(*geometry.patches, Patch(**setting.values)))

@@ -115,9 +115,9 @@ class Effect:
 
     @property
     def several(self) -> bool:
-        """Whether there may be more than one of it: entries with different values of a parameter
-        that no fit can move."""
-        return any(parameter.whole for parameter in self.parameters.values())
+        """Whether there may be more than one of it: discs, or entries with different values of a
+        parameter that no fit can move."""
+        return self.disc or any(parameter.whole for parameter in self.parameters.values())
 
     def is_stated(self, skin: Skin, touched: bool) -> bool:
         """Whether what it needs is stated of the skin; touched: whether anybody touches it."""

@@ -16,8 +16,9 @@ images in bottom and top, by quadrature; what is left of the double series falls
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -35,6 +36,8 @@ from eitskin.physics.touch_cache import ContactCoupling, Place, TouchCoupling
 PANEL_NODES = 10
 SHORTEST_PANEL = 1e-8  # over the electrode's half side: an integrable 1 / r leaves about as much
 MOST_TERMS = 10_000_000  # of the double series: 80 MB an array
+LADDER = 1.1  # of lengths that the expansion follows in steps: bodies that differ little share it
+SHARED_SERIES, SHARED_HALVES = 4, 64  # kept, of a few megabytes each at most
 MOST_MODES = 6144  # of all electrodes together: matrices of 0.3 GB, of which a fit holds a dozen
 SHEET_OPERATIONS = 1e8  # of a body, in the time that solves a sheet of a known outline
 SHEET_ELEMENTS = 2.5e6  # of a body's matrix that a touched place reads in that time
@@ -106,6 +109,95 @@ def legendre_overlap(order: int, lag: np.ndarray) -> np.ndarray:
     )
 
 
+class Expansion(NamedTuple):
+    """Ewald's split of a body's Neumann function between modes up an electrode, lengths in radii.
+
+    up: modes up; depth, half_height, z: of the body, of an electrode, and of its centre above the
+    bottom; reach: where the near half ends; eta: its rate; n_max, m_max: the last angular order and
+    depth mode of the series.
+    """
+
+    up: int
+    depth: float
+    half_height: float
+    z: float
+    reach: float
+    eta: float
+    n_max: int
+    m_max: int
+
+    def wave(self, k: np.ndarray) -> np.ndarray:
+        """(up, K): projection of cos(k z), k (K,), on the modes up."""
+        degree = np.arange(self.up)[:, None]
+        bessel = spherical_jn(degree, k * self.half_height)
+        return (np.exp(1j * k * self.z) * 1j**degree * bessel).real
+
+
+@lru_cache(SHARED_SERIES)
+def slow_series(expansion: Expansion) -> np.ndarray:
+    """(n_max + 1, up, up): sum over the depth modes for every angular order, without the near
+    half."""
+    k = np.pi / expansion.depth * np.arange(expansion.m_max + 1)
+    n = np.arange(expansion.n_max + 1)[:, None]
+    rho = np.hypot(n, k)
+    rho[0, 0] = 1.0
+    kernel = cylinder_response(expansion.n_max, k)
+    kernel -= erf(rho / (2.0 * expansion.eta)) / rho
+    kernel[0, 0] = -1.0 / (np.sqrt(np.pi) * expansion.eta)
+    wave = expansion.wave(k)
+    pairs = np.einsum("im,jm->mij", wave, wave) * np.where(k > 0, 2.0, 1.0)[:, None, None]
+    series = (kernel @ pairs.reshape(len(k), -1)).reshape(-1, expansion.up, expansion.up)
+    series.flags.writeable = False
+    return series
+
+
+@lru_cache(SHARED_HALVES)
+def near_half(expansion: Expansion, across: int, half_width: float) -> np.ndarray:
+    """(across, up, across, up): the near half within an electrode of a half width in radii, and to
+    its images in bottom and top."""
+    total = np.zeros((across, expansion.up, across, expansion.up))
+    reach, depth, height = expansion.reach, expansion.depth, 2.0 * expansion.half_height
+    images = int(np.ceil((reach + height) / (2.0 * depth))) + 1
+    for fold in range(-images, images + 1):
+        for place, mirrored in ((0.0, False), (2.0 * expansion.z, True)):
+            offset = place + 2.0 * depth * fold
+            if abs(offset) - height < reach:
+                total += _image_part(expansion, across, half_width, offset, mirrored)
+    total *= depth / (2.0 * np.pi)
+    total.flags.writeable = False
+    return total
+
+
+def _image_part(
+    expansion: Expansion, across: int, half_width: float, offset: float, mirrored: bool
+) -> np.ndarray:
+    """One image's contribution: mode pairs integrated over erfc(eta r) / r in the lags across and
+    up, in panels that shrink towards r = 0."""
+    eta, half_height = expansion.eta, expansion.half_height
+    height_gap = max(abs(offset) - 2.0 * half_height, 0.0)
+    touching = np.clip(-offset / half_height, -2.0, 2.0)
+    panel_ends = np.unique([-2.0, 0.0, touching, 2.0])
+    up = [
+        _panels(a, b, touching, eta * half_height, height_gap / half_height)
+        for a, b in pairwise(panel_ends)
+    ]
+    lag, weight = (np.concatenate(part) for part in zip(*up, strict=True))
+    lag_across, across_weight = _panels(0.0, 2.0, 0.0, eta * half_width, height_gap / half_width)
+    r = np.hypot(half_width * lag_across[:, None], offset + half_height * lag)
+    kernel = across_weight[:, None] * erfc(eta * r) / r * weight
+    overlap = legendre_overlap(across, lag_across)
+    overlap = overlap + overlap.transpose(1, 0, 2)
+    above = legendre_overlap(expansion.up, lag)
+    if mirrored:
+        above = above * (-1.0) ** np.arange(expansion.up)[:, None]
+    return np.einsum("act,ts,bds->abcd", overlap, kernel, above, optimize=True)
+
+
+def _rung_below(length: float) -> float:
+    """The power of LADDER that is no more than a length."""
+    return float(LADDER ** np.floor(np.log(length) / np.log(LADDER)))
+
+
 class BodyElectrodes:
     """Electrodes of partial height, with the interface of Electrodes; order = across * up modes
     each.
@@ -159,11 +251,19 @@ class BodyElectrodes:
         )
 
     def _place(self) -> None:
-        """Depth and heights over the radius."""
+        """Set the expansion and where it has the electrodes, in radii."""
         g = self.geometry
-        self.depth = g.thickness_mm / g.radius_mm
-        self.half_height = self.heights.height_mm / (2.0 * g.radius_mm)
-        self.z = self.heights.z_mm / g.radius_mm
+        self.expansion = Expansion(
+            self.up,
+            g.thickness_mm / g.radius_mm,
+            self.heights.height_mm / (2.0 * g.radius_mm),
+            self.heights.z_mm / g.radius_mm,
+            self.reach,
+            self.eta,
+            self.n_max,
+            self.m_max,
+        )
+        self.depth = self.expansion.depth
         self.angular = self._angular()
 
     def _choose_orders(self, accuracy: DepthAccuracy) -> None:
@@ -174,35 +274,19 @@ class BodyElectrodes:
         spacing = np.diff(np.append(phi[turn], phi[turn[0]] + 2.0 * np.pi))
         gap = (spacing - half[turn] - np.roll(half[turn], -1)).min()
         depth = g.thickness_mm / g.radius_mm
-        self.reach = min(gap, 4.0 * depth, 1.0)
+        self.reach = _rung_below(min(gap, 4.0 * depth, 1.0))
         self.eta = accuracy.split / self.reach
         smallest = min(half.min(), self.heights.height_mm / (2.0 * g.radius_mm))
-        end = max(2.0 * accuracy.split * self.eta, accuracy.cut / smallest)
+        end = max(2.0 * accuracy.split * self.eta, accuracy.cut / _rung_below(smallest))
         self.n_max, self.m_max = int(np.ceil(end)), int(np.ceil(end * depth / np.pi))
         if self.n_max * self.m_max > MOST_TERMS:
             actual = f"{gap:.1e} apart, {smallest:.1e} half a side, in radii"
             expected = f"larger ones further apart, for {MOST_TERMS:.0e} terms of a series"
             raise InputError("skin", "electrodes", actual, expected)
 
-    def _series(self) -> np.ndarray:
-        """(n_max + 1, up, up): sum over the depth modes for every angular order, without the
-        near half."""
-        k = np.pi / self.depth * np.arange(self.m_max + 1)
-        n = np.arange(self.n_max + 1)[:, None]
-        rho = np.hypot(n, k)
-        rho[0, 0] = 1.0
-        kernel = cylinder_response(self.n_max, k)
-        kernel -= erf(rho / (2.0 * self.eta)) / rho
-        kernel[0, 0] = -1.0 / (np.sqrt(np.pi) * self.eta)
-        wave = self.wave(k)
-        pairs = np.einsum("im,jm->mij", wave, wave) * np.where(k > 0, 2.0, 1.0)[:, None, None]
-        return (kernel @ pairs.reshape(len(k), -1)).reshape(-1, self.up, self.up)
-
     def wave(self, k: np.ndarray) -> np.ndarray:
         """(up, K): projection of cos(k z), k (K,), on the modes up."""
-        degree = np.arange(self.up)[:, None]
-        bessel = spherical_jn(degree, k * self.half_height)
-        return (np.exp(1j * k * self.z) * 1j**degree * bessel).real
+        return self.expansion.wave(k)
 
     def distance(self, place: complex) -> float:
         """Distance from a place in the unit disc to the nearest electrode."""
@@ -223,7 +307,7 @@ class BodyElectrodes:
         return np.concatenate([wave.real, wave.imag], axis=2).reshape(self.n * self.across, -1)
 
     def _interaction(self) -> np.ndarray:
-        angular, series = self.angular, self._series()
+        angular, series = self.angular, slow_series(self.expansion)
         shape = (self.n, self.across, self.up, self.n, self.across, self.up)
         matrix = np.empty(shape)
         for i in range(self.up):
@@ -231,45 +315,9 @@ class BodyElectrodes:
                 block = (angular * np.tile(series[:, i, j], 2)) @ angular.T
                 matrix[:, :, i, :, :, j] = block.reshape(self.n, self.across, self.n, self.across)
                 matrix[:, :, j, :, :, i] = matrix[:, :, i, :, :, j]
-        widths, width_index = np.unique(self.sheet.half_width, return_inverse=True)
-        near_half = np.array([self._near_part(half_width) for half_width in widths])[width_index]
-        matrix[range(self.n), :, :, range(self.n)] += near_half
+        halves = [near_half(self.expansion, self.across, w) for w in self.sheet.half_width]
+        matrix[range(self.n), :, :, range(self.n)] += np.array(halves)
         return matrix.reshape(self.n * self.order, -1)
-
-    def _near_part(self, half_width: float) -> np.ndarray:
-        """(across, up, across, up): the near half within one electrode and to its images in
-        bottom and top."""
-        total = np.zeros((self.across, self.up, self.across, self.up))
-        images = int(np.ceil((self.reach + 2.0 * self.half_height) / (2.0 * self.depth))) + 1
-        for fold in range(-images, images + 1):
-            for place, mirrored in ((0.0, False), (2.0 * self.z, True)):
-                offset = place + 2.0 * self.depth * fold
-                if abs(offset) - 2.0 * self.half_height < self.reach:
-                    total += self._image_part(half_width, offset, mirrored)
-        return self.depth / (2.0 * np.pi) * total
-
-    def _image_part(self, half_width: float, offset: float, mirrored: bool) -> np.ndarray:
-        """One image's contribution: mode pairs integrated over erfc(eta r) / r in the lags
-        across and up, in panels that shrink towards r = 0."""
-        height_gap = max(abs(offset) - 2.0 * self.half_height, 0.0)
-        touching = np.clip(-offset / self.half_height, -2.0, 2.0)
-        panel_ends = np.unique([-2.0, 0.0, touching, 2.0])
-        up = [
-            _panels(a, b, touching, self.eta * self.half_height, height_gap / self.half_height)
-            for a, b in pairwise(panel_ends)
-        ]
-        lag, weight = (np.concatenate(part) for part in zip(*up, strict=True))
-        across, across_weight = _panels(
-            0.0, 2.0, 0.0, self.eta * half_width, height_gap / half_width
-        )
-        r = np.hypot(half_width * across[:, None], offset + self.half_height * lag)
-        kernel = across_weight[:, None] * erfc(self.eta * r) / r * weight
-        overlap = legendre_overlap(self.across, across)
-        overlap = overlap + overlap.transpose(1, 0, 2)
-        above = legendre_overlap(self.up, lag)
-        if mirrored:
-            above = above * (-1.0) ** np.arange(self.up)[:, None]
-        return np.einsum("act,ts,bds->abcd", overlap, kernel, above, optimize=True)
 
     def contact_blocks(self) -> np.ndarray:
         """(n, order, order): sigma depth z_l int (P_i P_j)^2 / 16 / (dA/dt ds) over the face."""

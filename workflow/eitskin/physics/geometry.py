@@ -46,8 +46,8 @@ class Geometry:
     stretched by (x, y) -> (stretch_x x, stretch_y y), electrodes and all. An electrode spans the
     angles electrode_deg +- width / (2 radius); width 0 makes it a point. Conductivity along
     `anisotropy_deg` over that across is `anisotropy_ratio`, geometric mean `conductivity_S_per_m`;
-    it rises towards `gradient_deg` by `gradient_across` of itself from rim to rim; a `patch`
-    multiplies it within a disc. Raises InputError for values that make no skin.
+    it rises towards `gradient_deg` by `gradient_across` of itself from rim to rim; each of the
+    `patches` multiplies it within a disc. Raises InputError for values that make no skin.
     """
 
     radius_mm: float
@@ -67,7 +67,7 @@ class Geometry:
     electrode_height_mm: float | None = None
     electrode_z_mm: float | None = None
     deep: bool = False
-    patch: Patch | None = None
+    patches: tuple[Patch, ...] = ()
 
     def __post_init__(self) -> None:
         angle = np.asarray(self.electrode_deg, dtype=float)

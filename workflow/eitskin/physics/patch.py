@@ -1,4 +1,4 @@
-"""A skin with a patch: a disc of another conductivity, and touches that may lie across its edge.
+"""A skin with patches: discs of other conductivities, and touches that may lie across one's edge.
 
 Where a patch and a touch overlap, their factors multiply. Then a circle of conductivity reflects
 the field alike on its whole length, whatever the other circle does: the bound charge tau on it
@@ -6,10 +6,12 @@ obeys tau = -2 q du/dn, q = (factor - 1) / (factor + 1), with u's mean normal de
 Greengard, Moura 1994 for circles that stay apart). The patch is kept as this charge, on even nodes
 and, where a touch comes near, on nodes graded towards it; the touch is kept as its polarisation,
 in multipoles of the patched skin: fields that bend at the patch's edge as the current does.
+Several patches stay apart, and induce charge on one another; no touch is solved beside them.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NoReturn
 
 import numpy as np
@@ -21,7 +23,7 @@ from eitskin.physics.conformal import DiscMap
 from eitskin.physics.contact_current import EvenCurrent
 from eitskin.physics.electrodes import Electrodes
 from eitskin.physics.forward import Forward
-from eitskin.physics.geometry import Geometry
+from eitskin.physics.geometry import Geometry, Patch
 from eitskin.physics.touch import (
     EDGE_ANGLES,
     NODE_COUNTS,
@@ -35,7 +37,8 @@ from eitskin.physics.touch import (
 )
 from eitskin.physics.touch_cache import ContactCoupling, Place, TouchCache, TouchCoupling
 
-LEAST_GAP = 0.03  # of a patch to the rim, in its radii: closer, it needs more nodes than there are
+# Of a patch to the rim or another patch, in its radii: closer, it needs more nodes than there are.
+LEAST_GAP = 0.03
 LEAST_NODES = 48  # resolve a patch far from the rim
 LONGEST_PANEL = 0.6  # radians
 PATCHED_EFFORT = 3.0  # of a new touched place, relative to one on a skin without a patch
@@ -46,12 +49,10 @@ class PatchEdge(Circle):
     """A patch's edge on even nodes, and the charge that an external field induces on it.
 
     Charges are per node, quadrature weights included. Raises InputError for a patch that the rim
-    clips or nearly touches.
+    or another one clips or nearly touches.
     """
 
-    def __init__(self, geometry: Geometry, disc: DiscMap, accuracy: TouchAccuracy):
-        patch = geometry.patch
-        assert patch is not None
+    def __init__(self, patch: Patch, geometry: Geometry, disc: DiscMap, accuracy: TouchAccuracy):
         super().__init__(patch.centre, patch.radius_mm, geometry, disc)
         self.factor, self.accuracy = patch.contrast, accuracy
         self.reflection = 2.0 * (self.factor - 1.0) / (self.factor + 1.0)
@@ -62,14 +63,23 @@ class PatchEdge(Circle):
             place = f"({patch.x_mm:g}, {patch.y_mm:g}) mm, radius {patch.radius_mm:g} mm"
             expected = f"a disc within the skin, off its rim by {LEAST_GAP:g} of its radius"
             raise InputError("skin", "patch", place, expected)
-        minimum_node_count = max(self.digits / np.log1p(gap), LEAST_NODES)
+        others = [p for p in geometry.patches if p is not patch]
+        gaps = [abs(p.centre - patch.centre) - p.radius_mm - patch.radius_mm for p in others]
+        gap_to_others = min(gaps, default=np.inf) / patch.radius_mm
+        if gap_to_others < LEAST_GAP:
+            expected = f"discs apart by {LEAST_GAP:g} of a radius"
+            raise InputError("skin", "patches", "two that overlap", expected)
+        minimum_node_count = max(self.digits / np.log1p(min(gap, gap_to_others)), LEAST_NODES)
         count = next((n for n in NODE_COUNTS if n >= minimum_node_count), NODE_COUNTS[-1])
         self.t, self.weight = even_nodes(count)
         self.zeta, self.tangent, curvature = self.mapped(self.t, 2)
         self.dzeta = self.tangent * self.weight
         kernel = neumann.self_flux_kernel(self.zeta, self.tangent, curvature, self.weight)
         self.kernel = kernel.T
-        self._factors = lu_factor(np.eye(count) + self.reflection * self.kernel)
+
+    @cached_property
+    def _factors(self) -> tuple[np.ndarray, np.ndarray]:
+        return lu_factor(np.eye(len(self.t)) + self.reflection * self.kernel)
 
     def charge(self, flux: np.ndarray) -> np.ndarray:
         """(nodes, k): charge on the edge induced by fields with this flux (nodes, k) through it."""
@@ -92,6 +102,40 @@ class PatchEdge(Circle):
             dirichlet = np.sin(count * half_angle) / (count * np.tan(half_angle))
         spread = np.where(np.abs(np.sin(half_angle)) < 1e-14, 1.0, dirichlet)
         return PatchNodes(self, t, zeta, tangent * weight, spread, weight)
+
+
+class PatchEdges:
+    """The edges of all patches of a skin on their even nodes, one after the other.
+
+    zeta, dzeta (nodes,): as of an edge. Raises InputError as PatchEdge does.
+    """
+
+    def __init__(self, geometry: Geometry, disc: DiscMap, accuracy: TouchAccuracy):
+        self.edges = [PatchEdge(patch, geometry, disc, accuracy) for patch in geometry.patches]
+        self.zeta = np.concatenate([edge.zeta for edge in self.edges])
+        self.dzeta = np.concatenate([edge.dzeta for edge in self.edges])
+        self.reflection = np.repeat(
+            [edge.reflection for edge in self.edges], [len(edge.t) for edge in self.edges]
+        )
+
+    @cached_property
+    def _factors(self) -> tuple[np.ndarray, np.ndarray]:
+        kernel = np.block(
+            [[self._kernel(source, target) for source in self.edges] for target in self.edges]
+        )
+        return lu_factor(np.eye(len(self.zeta)) + self.reflection[:, None] * kernel)
+
+    @staticmethod
+    def _kernel(source: PatchEdge, target: PatchEdge) -> np.ndarray:
+        """(target's nodes, source's nodes): flux through one edge of charges on another."""
+        if source is target:
+            return source.kernel
+        return neumann.flux_kernel(source.zeta[:, None], target.zeta, target.dzeta).T
+
+    def charge(self, flux: np.ndarray) -> np.ndarray:
+        """(nodes, k): charge on the edges induced by fields with this flux (nodes, k) through
+        them."""
+        return lu_solve(self._factors, -self.reflection[:, None] * flux)
 
 
 @dataclass(frozen=True)
@@ -261,20 +305,20 @@ class PatchedTouch:
 
 
 class PatchForward(Forward):
-    """A skin with a patch, ready to be touched at one place; otherwise like Forward.
+    """A skin with patches, of which one alone may be touched, at one place; otherwise like Forward.
 
-    Raises InputError for a patch at the rim, and for one on a skin whose conductivity rises across
-    it. In a body, a patch reaches through the whole depth; it and touches beside it couple to the
-    mean over the depth alone.
+    Raises InputError for a patch at the rim, for two that overlap, and for one on a skin whose
+    conductivity rises across it. In a body, a patch reaches through the whole depth; it and touches
+    beside it couple to the mean over the depth alone.
     """
 
     touch_effort = PATCHED_EFFORT * Forward.touch_effort
-    patch: PatchEdge
+    patches: PatchEdges
     at_patch: np.ndarray
     change: np.ndarray
 
     def __init__(self, bare: Forward, geometry: Geometry, donor: Forward | None = None):
-        """`bare`: the same skin without its patch; `donor`: a solved skin, to share parts with."""
+        """`bare`: the same skin without patches; `donor`: a solved skin, to share parts with."""
         vars(self).update(vars(bare))
         self.bare, self.geometry = bare, geometry
         self.effort, self.touch_effort = bare.effort, PATCHED_EFFORT * bare.touch_effort
@@ -282,14 +326,14 @@ class PatchForward(Forward):
             raise InputError("skin", "patch", "a gradient of the conductivity", "none")
         if (
             isinstance(donor, PatchForward)
-            and donor.geometry.patch == geometry.patch
+            and donor.geometry.patches == geometry.patches
             and donor.bare.matches(bare.geometry, bare.accuracy, bare.electrodes.order)
         ):
-            self.patch, self.at_patch = donor.patch, donor.at_patch
+            self.patches, self.at_patch = donor.patches, donor.at_patch
             self._touch_cache = donor._touch_cache
             change = donor.change
         else:
-            self.patch = PatchEdge(geometry, bare.disc, bare.accuracy.touch)
+            self.patches = PatchEdges(geometry, bare.disc, bare.accuracy.touch)
             self._touch_cache = TouchCache()
             self.at_patch = self._at_patch(bare.electrodes)
             change = self._change(bare.electrodes)
@@ -297,8 +341,15 @@ class PatchForward(Forward):
         self._relax_electrodes(bare.electrodes.matrix + change)
 
     @property
+    def patch(self) -> PatchEdge:
+        """The edge of the one patch. Raises InputError where there are several."""
+        if len(self.patches.edges) > 1:
+            raise InputError("touch", "touches", "one on a skin with several patches", "none")
+        return self.patches.edges[0]
+
+    @property
     def nbytes(self) -> int:
-        """Bytes of the modes' matrices with and without the patch."""
+        """Bytes of the modes' matrices with and without patches."""
         return super().nbytes + self.bare.nbytes + self.change.nbytes
 
     def bare_touch(self, touch: Touch) -> BareTouch:
@@ -323,13 +374,13 @@ class PatchForward(Forward):
         return {}
 
     def _at_patch(self, electrodes: Electrodes) -> np.ndarray:
-        """(even nodes, n order): potentials of the electrodes' modes on the patch's edge."""
-        return electrodes.project(neumann.potential(electrodes.rim[:, None], self.patch.zeta)).T
+        """(even nodes, n order): potentials of the electrodes' modes on the patches' edges."""
+        return electrodes.project(neumann.potential(electrodes.rim[:, None], self.patches.zeta)).T
 
     def _change(self, electrodes: Electrodes) -> np.ndarray:
-        """(n order, n order): change of the power of the electrodes' modes by the patch."""
-        flux = neumann.rim_flux_kernel(electrodes.rim, self.patch.zeta, self.patch.dzeta)
-        change = self.at_patch.T @ self.patch.charge(electrodes.project(flux).T)
+        """(n order, n order): change of the power of the electrodes' modes by the patches."""
+        flux = neumann.rim_flux_kernel(electrodes.rim, self.patches.zeta, self.patches.dzeta)
+        change = self.at_patch.T @ self.patches.charge(electrodes.project(flux).T)
         return 0.5 * (change + change.T)
 
     def edge(  # type: ignore[override]  # what it makes of touches only it meets again

@@ -226,7 +226,7 @@ def _check(geometries: Sequence[Geometry]) -> None:
     for geometry in geometries:
         for key, value in (
             ("gradient_across", geometry.gradient_across),
-            ("patch", geometry.patch),
+            ("patches", len(geometry.patches)),
             ("deep", span(geometry)),
         ):
             if value:

@@ -21,11 +21,11 @@ Result = TypeVar("Result")
 def forward_model(
     geometry: Geometry, accuracy: str | Accuracy = "diagnose", donor: Forward | None = None
 ) -> Forward:
-    """The forward model of a geometry: of a sheet, of a patched sheet or of a body. It shares
+    """The forward model of a geometry: of a sheet, of a skin with patches or of a body. It shares
     with `donor`, a solved skin, the parts in which they agree."""
-    if geometry.patch is not None and geometry.patch.contrast != 1.0:
+    if any(patch.contrast != 1.0 for patch in geometry.patches):
         bare = donor.bare if isinstance(donor, PatchForward) else donor
-        bare = forward_model(geometry.with_values(patch=None), accuracy, bare)
+        bare = forward_model(geometry.with_values(patches=()), accuracy, bare)
         return PatchForward(bare, geometry, donor)
     if isinstance(donor, PatchForward):
         donor = donor.bare

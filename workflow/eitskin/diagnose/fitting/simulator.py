@@ -244,7 +244,9 @@ class RecordingSimulator:
         return [candidate.setting(u) for candidate, u in self.family_coordinates(coordinates)]
 
     def with_coarse_bodies(self) -> "RecordingSimulator":
-        """The simulator with bodies solved at accuracy train."""
+        """The simulator with bodies solved at accuracy train; itself where they are."""
+        if self.coarse:
+            return self
         simulator = copy(self)
         simulator.coarse = True
         return simulator

@@ -36,7 +36,7 @@ from eitskin.diagnose.search.gates import (
     UNLIKE,
     Gate,
 )
-from eitskin.diagnose.search.journal import CUT_SHORT, START, UNLIKE_STEP
+from eitskin.diagnose.search.journal import CUT_SHORT, START, UNLIKE_STEP, Refusal
 from eitskin.diagnose.search.prediction import is_gross, is_unlike, likeness, misfit, sure_gain
 from eitskin.diagnose.search.proposals import (
     TINY,
@@ -120,7 +120,8 @@ def grown(search: Search, calibration: Explanation, begin: Explanation | None = 
     if unlike:
         search.journal.step(UNLIKE_STEP, None, calibration)
         return search, calibration, calibration
-    best = _without_freedom(search, explanation, _grown_and_stood(search, explanation))
+    grown_set = _grown_and_stood(search, _as_body(search, explanation) or explanation)
+    best = _without_freedom(search, explanation, grown_set)
     # What is unfinished has not lost to free channels.
     free = None if search.spent else _with_free_channels(search, explanation)
     if free is not None and free.log_evidence > best.log_evidence:
@@ -182,6 +183,29 @@ def _without_freedom(search: Search, start: Explanation, best: Explanation) -> E
         sparse = [c for c in search.candidates if c.scope != "dense"]
         best = _rival(search, start, best, sparse)
     return best
+
+
+def _as_body(search: Search, explanation: Explanation) -> Explanation | None:
+    """An explanation as a body, where nobody touches and that is likelier; None elsewhere. It comes
+    before all else: objects hide that a skin is a body, and other names take what it does."""
+    bodies = [c for c in search.bodies if search.starts_far(c)]
+    if not bodies or search.spent:
+        return None
+    search.journal.begin_round()
+    trial = with_effect(search, explanation, bodies[0])
+    if isinstance(trial, Refusal):
+        search.journal.judge(trial.gate, trial.value, bodies[0], explanation)
+        return None
+    draw_null(search, linearised(search, explanation))
+    new = added_effect(explanation, trial)
+    p_value = ratio_p_value(search, Score(new, 0.0, new.size, -np.inf), explanation, trial)
+    raised = trial.log_evidence - explanation.log_evidence
+    judge = search.journal.judge
+    if not (judge(EVIDENCE, raised, new, explanation) and judge(CHANCE, p_value, new, explanation)):
+        return None
+    trial = trial.with_p_values({**explanation.p_values, new.key: p_value})
+    search.journal.step("add", new, trial, p_value)
+    return trial
 
 
 def _rival(

@@ -110,8 +110,13 @@ class Search:
     @property
     def tries_bodies(self) -> bool:
         """Whether some candidate makes a body of the sheet."""
+        return bool(self.bodies)
+
+    @property
+    def bodies(self) -> list[Candidate]:
+        """The candidates that make a body of the sheet."""
         sheet = Geometry.from_skin(self.problem.model.nominal_skin)
-        return any(c.effect.largest_body(sheet) is not None for c in self.candidates)
+        return [c for c in self.candidates if c.effect.largest_body(sheet) is not None]
 
     def starts_far(self, candidate: Candidate) -> bool:
         """Whether no tangent leads to a candidate, so that its fits begin at `far_starts`."""
