@@ -222,6 +222,11 @@ class Forward:
         same_expansion = accuracy == self.accuracy and modes == self.electrodes.order
         return same_expansion and geometry.same_outline(self.geometry)
 
+    def is_model_of(self, geometry: Geometry, accuracy: str | Accuracy) -> bool:
+        """Whether this is the skin of a geometry, solved at an accuracy."""
+        wanted = ACCURACIES[accuracy] if isinstance(accuracy, str) else accuracy
+        return wanted == self.accuracy and geometry.key() == self.geometry.key()
+
     def transfer_impedance(self, touches: Sequence[Touch] = ()) -> np.ndarray:
         """(n, n) ohm, with any number of touches that do not overlap."""
         return self.sheet_resistance * self._solve(touches)[0]

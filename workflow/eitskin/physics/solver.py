@@ -25,7 +25,9 @@ def forward_model(
     with `donor`, a solved skin, the parts in which they agree."""
     if any(patch.contrast != 1.0 for patch in geometry.patches):
         bare = donor.bare if isinstance(donor, PatchForward) else donor
-        bare = forward_model(geometry.with_values(patches=()), accuracy, bare)
+        bare_geometry = geometry.with_values(patches=())
+        if bare is None or not bare.is_model_of(bare_geometry, accuracy):
+            bare = forward_model(bare_geometry, accuracy, bare)
         return PatchForward(bare, geometry, donor)
     if isinstance(donor, PatchForward):
         donor = donor.bare
