@@ -173,24 +173,43 @@ def _image_part(
 ) -> np.ndarray:
     """One image's contribution: mode pairs integrated over erfc(eta r) / r in the lags across and
     up, in panels that shrink towards r = 0."""
-    eta, half_height = expansion.eta, expansion.half_height
-    height_gap = max(abs(offset) - 2.0 * half_height, 0.0)
+    height_gap = max(abs(offset) - 2.0 * expansion.half_height, 0.0)
+    lag, weight, above = _lags_up(expansion, offset, height_gap, mirrored)
+    widest = LADDER * _rung_below(half_width)
+    lag_across, across_weight, overlap = _lags_across(
+        across, expansion.eta * widest, height_gap / widest
+    )
+    r = np.hypot(half_width * lag_across[:, None], offset + expansion.half_height * lag)
+    kernel = across_weight[:, None] * erfc(expansion.eta * r) / r * weight
+    return np.einsum("act,ts,bds->abcd", overlap, kernel, above, optimize=True)
+
+
+@lru_cache(SHARED_HALVES)
+def _lags_up(
+    expansion: Expansion, offset: float, height_gap: float, mirrored: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lags up (S,) and weights of an image, and the overlap (up, up, S) of the modes at them."""
+    half_height = expansion.half_height
     touching = np.clip(-offset / half_height, -2.0, 2.0)
+    rate, clearance = expansion.eta * half_height, height_gap / half_height
     panel_ends = np.unique([-2.0, 0.0, touching, 2.0])
-    up = [
-        _panels(a, b, touching, eta * half_height, height_gap / half_height)
-        for a, b in pairwise(panel_ends)
-    ]
-    lag, weight = (np.concatenate(part) for part in zip(*up, strict=True))
-    lag_across, across_weight = _panels(0.0, 2.0, 0.0, eta * half_width, height_gap / half_width)
-    r = np.hypot(half_width * lag_across[:, None], offset + half_height * lag)
-    kernel = across_weight[:, None] * erfc(eta * r) / r * weight
-    overlap = legendre_overlap(across, lag_across)
-    overlap = overlap + overlap.transpose(1, 0, 2)
+    panels = [_panels(a, b, touching, rate, clearance) for a, b in pairwise(panel_ends)]
+    lag, weight = (np.concatenate(part) for part in zip(*panels, strict=True))
     above = legendre_overlap(expansion.up, lag)
     if mirrored:
         above = above * (-1.0) ** np.arange(expansion.up)[:, None]
-    return np.einsum("act,ts,bds->abcd", overlap, kernel, above, optimize=True)
+    return lag, weight, above
+
+
+@lru_cache(SHARED_HALVES)
+def _lags_across(
+    across: int, rate: float, clearance: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lags across (T,) and weights, and the overlap (across, across, T) of the modes at them, in
+    both directions."""
+    lag, weight = _panels(0.0, 2.0, 0.0, rate, clearance)
+    overlap = legendre_overlap(across, lag)
+    return lag, weight, overlap + overlap.transpose(1, 0, 2)
 
 
 def _rung_below(length: float) -> float:

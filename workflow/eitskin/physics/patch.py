@@ -380,8 +380,12 @@ class PatchForward(Forward):
     def _change(self, electrodes: Electrodes) -> np.ndarray:
         """(n order, n order): change of the power of the electrodes' modes by the patches."""
         flux = neumann.rim_flux_kernel(electrodes.rim, self.patches.zeta, self.patches.dzeta)
-        change = self.at_patch.T @ self.patches.charge(electrodes.project(flux).T)
-        return 0.5 * (change + change.T)
+        modes = np.flatnonzero(self.at_patch.any(axis=0))  # of a body, those even over the depth
+        charge = self.patches.charge(electrodes.project(flux).T[:, modes])
+        change = np.zeros((self.at_patch.shape[1],) * 2)
+        even_change = self.at_patch[:, modes].T @ charge
+        change[np.ix_(modes, modes)] = 0.5 * (even_change + even_change.T)
+        return change
 
     def edge(  # type: ignore[override]  # what it makes of touches only it meets again
         self, touch: Touch, touch_clearance: float = np.inf
