@@ -1,8 +1,9 @@
 """How families, culprits and objects of dense recordings are told: `python -m proof.dense FOLDER`.
 
-One row a recording of `witness.dense`, written as JSON; a second run goes on where the first was.
-The table has, over everything drawn, how much of the misfit of readings put aside is closed, sizes
-of families against the rms of the values drawn, culprits and objects by place, and false ones.
+With --pressed, of skins that are touched. One row a recording of `witness.dense`, written as JSON;
+a second run goes on where the first was. The table has, over everything drawn, how much of the
+misfit of readings put aside is closed, sizes of families against the rms of the values drawn,
+culprits and objects by place, and false ones.
 """
 
 import argparse
@@ -17,16 +18,21 @@ from eitskin.diagnose import diagnosis
 from eitskin.diagnose.verdict.conclusion import document
 from proof.intervals import wilson
 from proof.markdown import table
-from witness.dense import ENDINGS, PROTOCOLS, Dense, draw
+from witness.dense import ENDINGS, PRESSED, PROTOCOLS, Dense, draw
 
 FIRST_SEED = 910_001  # none of these had been drawn before the families were written
+FIRST_PRESSED_SEED = 920_001  # nor of these
 NEAR = 0.14  # of the radius: a grid step of the scans with which objects are usually sought
 NAMED_SHARE = 0.2  # of the misfit, from which on a family ought to be told
 WITHIN = 1.5  # of the rms of the values drawn: a size that is right
 
 
-def trials(count: int) -> list[tuple[str, int]]:
-    """Kinds and seeds of the first recordings of the plan, protocols and endings in turn."""
+def trials(count: int, pressed: bool = False) -> list[tuple[str, int]]:
+    """Kinds and seeds of the first recordings of the plan, protocols and endings in turn; pressed:
+    of skins that are touched."""
+    if pressed:
+        kinds = [f"{PRESSED}{p}{e}" for e in ENDINGS if e != " object" for p in PROTOCOLS]
+        return [(kinds[7 * k % len(kinds)], FIRST_PRESSED_SEED + k) for k in range(count)]
     kinds = [f"dense:{protocol}{ending}" for ending in ENDINGS for protocol in PROTOCOLS]
     return [(kinds[7 * k % len(kinds)], FIRST_SEED + k) for k in range(count)]
 
@@ -39,7 +45,7 @@ def row(kind: str, seed: int) -> dict:
     content = document(diagnosed, f"{kind} {seed}")
     fits = {"before": diagnosed.baseline.fit, "after": diagnosed.explanation.fit}
     errors = {
-        key: float(np.sqrt(((fit.voltage()[0] - drawn.clean) ** 2).mean()))
+        key: float(np.sqrt(((fit.voltage() - drawn.clean) ** 2).mean()))
         for key, fit in fits.items()
     }
     return {
@@ -156,11 +162,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m proof.dense")
     parser.add_argument("folder", type=Path)
     parser.add_argument("--count", type=int, default=20)
+    parser.add_argument("--pressed", action="store_true", help="skins that are touched")
     parser.add_argument("--only-table", action="store_true")
     arguments = parser.parse_args()
     arguments.folder.mkdir(parents=True, exist_ok=True)
     rows = []
-    for kind, seed in trials(arguments.count):
+    for kind, seed in trials(arguments.count, arguments.pressed):
         path = arguments.folder / f"{kind.replace(':', '-').replace(' ', '-')}-{seed}.json"
         if not path.exists():
             if arguments.only_table:

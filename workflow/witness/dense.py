@@ -1,12 +1,12 @@
 """Recordings of skins that are a little wrong at every site, with known truth.
 
-    draw("dense:16 adjacent", 3), draw("dense:16 skip-3 object", 7)
+    draw("dense:16 adjacent", 3), draw("dense:16 skip-3 object", 7), draw("pressed:16 adjacent", 2)
 
-Nobody touches. All families at once, each of a size of its own: currents of drives, gains of pairs,
-electrodes' places, widths and contacts, the rim's harmonics, a memory of the multiplexer; half the
-recordings have a culprit beside them, a site that stands out of its family, or an object in the
-gel. No line is shared with the diagnosis. Equal kinds and seeds give the same recording bit for
-bit.
+Nobody touches, or the skin is pressed all over. All families at once, each of a size of its own:
+currents of drives, gains of pairs, electrodes' places, widths and contacts, the rim's harmonics, a
+memory of the multiplexer; half the recordings have a culprit beside them, a site that stands out of
+its family, or an object in the gel. No line is shared with the diagnosis. Equal kinds and seeds
+give the same recording bit for bit.
 """
 
 from dataclasses import dataclass, replace
@@ -19,11 +19,13 @@ from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
 from witness.cases import log_uniform, owners_metadata
-from witness.schedule import untouched_frames
+from witness.schedule import Keep, recording_frames, untouched_frames
 from witness.world import World
 
 PROTOCOLS = ("8 adjacent", "16 adjacent", "16 opposite", "16 skip-3", "32 adjacent")
 ENDINGS = ("", " member", " members", " object")  # what stands out
+PRESSED = "pressed:"  # instead of dense:, where the skin is touched; without objects
+PRESSED_FRAMES = (60, 200)
 # Ranges of the families' sds: 1, degrees, logarithms, share of the radius of a harmonic.
 SIZES = {
     "drive-gain": (2e-3, 0.2),
@@ -50,7 +52,7 @@ SITES = {"drive-gain": "drives", "measurement-gain": "measures"}
 class Dense:
     """A recording and its truth: the skin's true values, the families' values, one a site, in the
     units of SIZES; culprits: laws with `ratio`, their deviation over the family's sd; objects: laws
-    of patches; clean (M,) V: the readings, noise-free."""
+    of patches; clean (N, M) V: the readings, noise-free, of one frame where all are alike."""
 
     kind: str
     seed: int
@@ -64,13 +66,15 @@ class Dense:
 
 
 def draw(kind: str, seed: int) -> Dense:
-    """One recording. kind: dense:, one of PROTOCOLS and one of ENDINGS. Raises InputError for
-    another."""
-    protocol, _, ending = kind.removeprefix("dense:").partition(" ")[2].partition(" ")
-    electrodes = kind.removeprefix("dense:").split(" ")[0]
-    if f"{electrodes} {protocol}" not in PROTOCOLS or f" {ending}".rstrip() not in ENDINGS:
-        expected = f"dense:, one of {', '.join(PROTOCOLS)} and one of {', '.join(ENDINGS)}"
-        raise InputError("dense", "kind", repr(kind), expected)
+    """One recording. kind: dense: or PRESSED, one of PROTOCOLS and one of ENDINGS. Raises
+    InputError for another."""
+    pressed = kind.startswith(PRESSED)
+    electrodes, _, rest = kind.removeprefix(PRESSED if pressed else "dense:").partition(" ")
+    protocol, _, ending = rest.partition(" ")
+    endings = [e for e in ENDINGS if not (pressed and e == " object")]
+    if f"{electrodes} {protocol}" not in PROTOCOLS or f" {ending}".rstrip() not in endings:
+        expected = f"dense: or {PRESSED}, one of {', '.join(PROTOCOLS)} and one of"
+        raise InputError("dense", "kind", repr(kind), f"{expected} {', '.join(endings)}")
     rng = np.random.default_rng([crc32(kind.encode()), seed])
     count = int(electrodes)
     while True:
@@ -84,9 +88,15 @@ def draw(kind: str, seed: int) -> Dense:
     laws = [*_laws(families, believed), *objects]
     laws.append({"name": "multiplexer-memory", "parameters": {"mu": memory}})
     channels = channel_table(count, protocol, "adjacent")
-    frames = int(rng.choice(FRAMES))
-    states = untouched_frames(frames, 0.05)
-    clean = World(believed, channels, 0.04).readings(states.iloc[:1], laws)[0]
+    if pressed:
+        assert believed.radius_mm is not None
+        frames = int(rng.integers(*PRESSED_FRAMES))
+        states = recording_frames(rng, believed.radius_mm, 0.04, Keep(), frames)
+        clean = World(believed, channels, 0.04).readings(states, laws)
+    else:
+        frames = int(rng.choice(FRAMES))
+        states = untouched_frames(frames, 0.05)
+        clean = World(believed, channels, 0.04).readings(states.iloc[:1], laws)
     noise = log_uniform(rng, *LEVELS) * float(np.median(np.abs(clean)))
     voltage = clean + noise * rng.standard_normal((frames, len(channels)))
     metadata = owners_metadata(channels, 0.04, _stated(rng, believed))

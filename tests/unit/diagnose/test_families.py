@@ -56,8 +56,15 @@ def test_the_likelihood_of_sizes_is_that_of_a_linear_mixed_model():
 
     first, second = [0.4, 1.7], [1.1, 0.6]
     expected = direct(first) - direct(second)
-    computed = sizes.log_likelihood(np.array(first)) - sizes.log_likelihood(np.array(second))
-    assert computed == pytest.approx(expected, rel=1e-9)
+    (at_first, slopes), (at_second, _) = (
+        sizes.log_likelihood(np.array(sds)) for sds in (first, second)
+    )
+    assert at_first - at_second == pytest.approx(expected, rel=1e-9)
+    steps = 1e-5 * np.eye(2)
+    central = [
+        (direct(first * np.exp(step)) - direct(first * np.exp(-step))) / 2e-5 for step in steps
+    ]
+    np.testing.assert_allclose(slopes, central, rtol=1e-5)
 
 
 def test_sizes_are_those_that_were_drawn_and_0_where_nothing_was():

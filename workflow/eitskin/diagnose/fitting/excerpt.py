@@ -18,9 +18,15 @@ def excerpt(recording: Recording, max_frames: int = MAX_FRAMES) -> Recording:
     Untouched frames evenly, in the share that they have. Times, sessions and frame numbers stay;
     `contact` numbers the presses.
     """
+    selected = excerpt_mask(recording, max_frames)
+    return recording if selected.all() else of_frames(recording, selected)
+
+
+def excerpt_mask(recording: Recording, max_frames: int) -> np.ndarray:
+    """(N,): the frames of an `excerpt`."""
     total = len(recording.frames)
     if total <= max_frames:
-        return recording
+        return np.ones(total, bool)
     press = presses(recording)
     selected = np.zeros(total, bool)
     if (press >= 0).any():
@@ -31,7 +37,7 @@ def excerpt(recording: Recording, max_frames: int = MAX_FRAMES) -> Recording:
     room = round(max_frames * len(untouched) / total)
     if room:
         selected[untouched[_even_indices(len(untouched), room)]] = True
-    return of_frames(recording, selected)
+    return selected
 
 
 def _selected_presses(recording: Recording, press: np.ndarray, max_frames: int) -> np.ndarray:

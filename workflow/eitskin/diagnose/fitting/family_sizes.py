@@ -57,28 +57,33 @@ class FamilySizes:
         products = fit.slopes.products_with(fit.residual) + gram @ fit.theta
         return cls(names, np.array(sds), label, 1.0 / fit.prior, gram, products)
 
-    def log_likelihood(self, sds: np.ndarray) -> float:
-        """Of sds (K,), with their priors, up to a constant."""
+    def log_likelihood(self, sds: np.ndarray) -> tuple[float, np.ndarray]:
+        """Of sds (K,), with their priors, up to a constant; and its derivatives (K,) by their
+        logarithms: by x = (I + D G D)^-1 D b, the coordinates in sds of their priors, the sum of
+        x^2 over a family less the number of its coordinates that the readings determine."""
         ratio = np.r_[sds / self.sds, 1.0]
         root = np.sqrt(self.variance) * ratio[self.label]
         matrix = np.eye(len(root)) + root[:, None] * self.gram * root
-        scaled = root * self.products
-        explained = scaled @ np.linalg.solve(matrix, scaled)
-        prior = sum(
-            (sd / COMPONENTS[n].prior_sd) ** 2 for n, sd in zip(self.names, sds, strict=True)
-        )
-        return float(0.5 * (explained - np.linalg.slogdet(matrix)[1] - prior))
+        inverse, scaled = np.linalg.inv(matrix), root * self.products
+        x = inverse @ scaled
+        prior = (sds / np.array([COMPONENTS[name].prior_sd for name in self.names])) ** 2
+        excess = x**2 - (1.0 - np.diag(inverse))
+        slopes = np.array([excess[self.label == k].sum() for k in range(len(sds))]) - prior
+        likelihood = 0.5 * (scaled @ x - np.linalg.slogdet(matrix)[1] - prior.sum())
+        return float(likelihood), slopes
 
     def greatest(self, absent: Collection[str] = ()) -> tuple[np.ndarray, float]:
         """The sds (K,) of the greatest likelihood, and that; absent: families whose sd is 0."""
-        top = np.where([name in absent for name in self.names], 0.0, MOST_GROWTH)
+        present = np.array([name not in absent for name in self.names])
 
-        def cost(logarithms: np.ndarray) -> float:
-            return -self.log_likelihood(np.where(top > 0.0, np.exp(logarithms), 0.0) * self.sds)
+        def cost(logarithms: np.ndarray) -> tuple[float, np.ndarray]:
+            likelihood, slopes = self.log_likelihood(present * np.exp(logarithms) * self.sds)
+            return -likelihood, -slopes * present
 
         limits = (np.log(ABSENT), np.log(MOST_GROWTH))
-        best = minimize(cost, np.zeros(len(top)), method="L-BFGS-B", bounds=[limits] * len(top))
-        ratio = np.where(top > 0.0, np.exp(best.x), 0.0)
+        start, bounds = np.zeros(len(present)), [limits] * len(present)
+        best = minimize(cost, start, method="L-BFGS-B", jac=True, bounds=bounds)
+        ratio = present * np.exp(best.x)
         ratio[ratio < 2.0 * ABSENT] = 0.0
         return ratio * self.sds, -float(best.fun)
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from eitskin.data.recording import elapsed
-from eitskin.diagnose.fitting.families import family_columns
+from eitskin.diagnose.fitting.families import family_columns, family_name
 from eitskin.diagnose.fitting.fit import Fit
 from eitskin.diagnose.fitting.tangents import Tangents
 from eitskin.diagnose.noise.linearisation import Linearisation
@@ -28,9 +28,9 @@ def linearisation(fit: Fit, converter_step: float) -> Linearisation:
     voltage = fit.voltage()
     touched = model.touched & model.simulable
     typical = np.median(np.abs(problem.readings[whitening.mask]))
-    families = {}
-    if problem.families and not model.families:
-        families = family_columns(Tangents(fit), problem.families)
+    fitted_names = {family_name(candidate) for candidate in model.families}
+    absent = {n: members for n, members in problem.families.items() if n not in fitted_names}
+    families = family_columns(Tangents(fit), absent) if absent else {}
     return Linearisation(
         voltage=voltage,
         derivatives=touch_derivatives(fit, voltage),

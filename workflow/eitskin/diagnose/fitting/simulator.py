@@ -192,6 +192,16 @@ class RecordingSimulator:
         ]
         return simulator
 
+    def with_families_of(
+        self, base: "RecordingSimulator", rows: np.ndarray
+    ) -> "RecordingSimulator":
+        """The simulator with the families of its base, whose frames (N,) bool it has."""
+        simulator = copy(self)
+        simulator.families = base.families
+        if base.member_derivatives is not None:
+            simulator.member_derivatives = base.member_derivatives[:, rows]
+        return simulator
+
     def without_families(self) -> "RecordingSimulator":
         """The simulator without families."""
         simulator = copy(self)

@@ -5,26 +5,33 @@ coordinates of the fit itself, beside the calibrations: the simulation has them,
 readings left out are made with them, and no discrepancy of theirs is in any covariance.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from eitskin.diagnose.fitting.candidates import Candidate
-from eitskin.diagnose.fitting.families import family_name
+from eitskin.diagnose.fitting.families import MOST_TOUCHED_DERIVATIVES, family_name, members
 from eitskin.diagnose.fitting.family_sizes import FamilySizes
-from eitskin.diagnose.fitting.fit import Fit, fit, renewed_slopes
+from eitskin.diagnose.fitting.fit import Fit, Problem, fit, renewed_slopes
 from eitskin.diagnose.fitting.jacobian import Jacobian
 from eitskin.diagnose.fitting.linearisation import linearised_rig_errors
 from eitskin.diagnose.fitting.simulator import RecordingSimulator
 from eitskin.diagnose.noise.components import COMPONENTS
 from eitskin.diagnose.noise.families import Family
+from eitskin.diagnose.noise.rig_errors import RigErrors
 from eitskin.diagnose.search.explanation import Explanation
-from eitskin.diagnose.search.growth import Outcome, cut_short
-from eitskin.diagnose.search.refits import explain
-from eitskin.diagnose.search.search import Cache
+from eitskin.diagnose.search.growth import Outcome, at_start, cut_short
+from eitskin.diagnose.search.refits import calibrated, explain
+from eitskin.diagnose.search.search import Cache, Search
+from eitskin.diagnose.search.starting_point import StartingPoint
+from eitskin.errors import InputError
 
 MEMBERS_SHARE = 0.25  # of a budget, that is left for what comes beside fitted members
+LONGEST_WAY = 5  # fits, one after another, from untouched frames to all
+JOINING_ROUNDS = 4  # in which families join others, at most
+SILENT_ALONE = ("ground-leak",)  # at one site, where the source is tied to nothing
+JOINING_SD = 0.1  # typical changes, that a family has which untouched frames do not show
 SIZE_ROUNDS = 4  # in which members and sizes follow each other, at most
 SAME_SIZE = 0.1  # of a size, by which another round may still change it
 
@@ -40,34 +47,35 @@ def family_sds(explanation: Explanation) -> dict[str, float]:
 
 def with_members(outcome: Outcome) -> Outcome:
     """An outcome of a search whose families are fitted; itself where the explanation, linearised
-    about its own fit (`settled`), has none."""
+    about its own fit (`settled`), has none.
+
+    Beside fitted members less is unexplained, which may show families that were too small: they
+    join, and all are fitted anew.
+    """
     search, calibration, explanation = outcome
-    sds = family_sds(explanation)
-    if not sds or explanation.rig is None:
+    if explanation.rig is None or not family_sds(explanation):
         return outcome
-    rig_sds = {name: sd for name, sd in explanation.error_sds.items() if name not in sds}
-    whitening = explanation.rig.whitening(rig_sds, fitted=True)
-    problem = replace(explanation.fit.problem, whitening=whitening)
-    fitted = replace(explanation.fit, problem=problem)
-    derivatives = {name: explanation.rig.columns[name] for name in sds}
-    for number in range(SIZE_ROUNDS):
-        families = {name: (search.problem.families[name], sd) for name, sd in sds.items()}
-        model = _with_families(search.problem.model, families, derivatives)
-        start = _with_coordinates(fitted, model)
-        fitted = fit(replace(problem, model=model), explanation.effects, start, polish=True)
-        if number == 0:
-            fitted = _relinearised(fitted)
-            derivatives = _typical_derivatives(fitted.problem.model)
-        sizes = FamilySizes.from_fit(fitted)
-        greatest_sds, _ = sizes.greatest()
-        is_settled = np.allclose(greatest_sds, sizes.sds, rtol=SAME_SIZE, atol=0.0)
-        sds = {name: sd for name, sd in zip(sizes.names, greatest_sds, strict=True) if sd > 0.0}
-        if (is_settled and number > 0) or not sds:
+    fitted, sds, columns = explanation.fit, family_sds(explanation), explanation.rig.columns
+    derivatives = {name: columns[name] for name in sds}
+    learned, rig = explanation, explanation.rig
+    for _ in range(JOINING_ROUNDS):
+        rig_sds = {n: sd for n, sd in learned.error_sds.items() if n not in family_sds(learned)}
+        whitening = rig.whitening(rig_sds, fitted=True)
+        problem = replace(search.problem, whitening=whitening)
+        fitted = _members_fitted(problem, fitted, sds, derivatives)
+        rig = linearised_rig_errors(fitted, search.problem.whitening, search.converter_step)
+        learned = explain(search, fitted, explanation.p_values, rig_sds, rig)
+        joining = family_sds(learned)
+        sds = _sds(fitted.problem.model)
+        if not joining:
             break
-    fitted = _relinearised(fitted)
+        derivatives = _typical_derivatives(fitted.problem.model)
+        derivatives |= {name: rig.columns[name] for name in joining}
+        sds |= joining
+    search.report(f"a little wrong everywhere: {', '.join(_sds(fitted.problem.model))}")
     model = fitted.problem.model
-    search.report(f"a little wrong everywhere: {', '.join(sizes.names)}")
-    in_noise = replace(search.problem, model=model)
+    fitted = replace(fitted, problem=replace(fitted.problem, families={}))
+    in_noise = replace(search.problem, model=model, families={})
     rig = linearised_rig_errors(fitted, in_noise.whitening, search.converter_step)
     if search.spent:
         cut_short(search, explanation)
@@ -79,15 +87,91 @@ def with_members(outcome: Outcome) -> Outcome:
         cache=Cache(null=search.cache.null),
         budget_share=budget_used + MEMBERS_SHARE,
     )
-    baseline = replace(calibration, fit=_without_members(calibration.fit, model), rig=rig)
+    baseline = without_members(calibration, model, rig)
     return search, baseline, explain(search, fitted, explanation.p_values, rig_sds, rig)
+
+
+def _members_fitted(
+    problem: Problem, begin: Fit, sds: dict[str, float], derivatives: dict[str, np.ndarray]
+) -> Fit:
+    """The fit of a problem with members of families, begun at another fit with its effects; sizes
+    and members follow each other. sds: of the families, in typical changes; derivatives (K, N, M):
+    by a typical change of each member."""
+    fitted, plain = begin, problem.model.without_families()
+    for number in range(SIZE_ROUNDS):
+        families = {name: (problem.families[name], sd) for name, sd in sds.items()}
+        model = _with_families(plain, families, derivatives)
+        start = _with_coordinates(fitted, model)
+        fitted = _polished(replace(problem, model=model), begin.effects, start)
+        if number == 0:
+            fitted = _relinearised(fitted)
+            derivatives = _typical_derivatives(fitted.problem.model)
+        sizes = FamilySizes.from_fit(fitted)
+        greatest_sds, _ = sizes.greatest()
+        is_settled = np.allclose(greatest_sds, sizes.sds, rtol=SAME_SIZE, atol=0.0)
+        sds = {name: sd for name, sd in zip(sizes.names, greatest_sds, strict=True) if sd > 0.0}
+        if (is_settled and number > 0) or not sds:
+            break
+    return _relinearised(fitted)
+
+
+def _sds(model: RecordingSimulator) -> dict[str, float]:
+    """The sds of the families of a simulator, in typical changes."""
+    return {family_name(c): model.calibrations[s.start].sd for c, s in model.family_slices}
+
+
+def among_calibrations(search: Search, untouched: Explanation) -> tuple[Search, StartingPoint]:
+    """The search of a recording with families among its calibrations, and where it begins, from an
+    explanation of the untouched frames; the same search where that has no family.
+
+    Families that untouched frames do not show begin small: touches may show them. Sizes are learned
+    again from all frames, beside the errors of the rig.
+    """
+    begin, sds = untouched, _sds(untouched.fit.problem.model)
+    if not sds:
+        return search, StartingPoint.from_explanation(untouched)
+    problem = search.problem
+    families = members(search.candidates, problem.readings.size, MOST_TOUCHED_DERIVATIVES)
+    families = {n: f for n, f in families.items() if n in sds or n not in SILENT_ALONE}
+    sds = {**dict.fromkeys(families, JOINING_SD), **sds}
+    for _ in range(JOINING_ROUNDS):
+        pairs = [
+            (member, sds[n]) for n, family in families.items() if n in sds for member in family
+        ]
+        model = search.problem.model.without_families().with_families(pairs)
+        theta = _with_coordinates(begin.fit, model)
+        fitted = _polished(replace(problem, model=model), begin.effects, theta)
+        search = replace(search, problem=_linear_in_members(fitted).problem)
+        start = replace(StartingPoint.from_explanation(begin), theta=fitted.theta)
+        in_noise, calibration = calibrated(search, fitted.theta[: len(model.calibrations)])
+        begin = at_start(in_noise, calibration, start) or calibration
+        sizes = FamilySizes.from_fit(begin.fit)
+        greatest_sds, _ = sizes.greatest()
+        if np.allclose(greatest_sds, sizes.sds, rtol=SAME_SIZE, atol=0.0):
+            break
+        sds = {name: sd for name, sd in zip(sizes.names, greatest_sds, strict=True) if sd > 0.0}
+    search = without_members_as_candidates(search, search.problem.model.families)
+    return search, StartingPoint.from_explanation(begin)
+
+
+def without_members_as_candidates(search: Search, every_member: Iterable[Candidate]) -> Search:
+    """A search whose candidates with a value at every site are none of the members of families."""
+    family_members = list(every_member)
+    keys = {member.key for member in family_members}
+    candidates = [c for c in search.candidates if c.scope != "dense" or c.key not in keys]
+    return replace(search, candidates=candidates, family_members=family_members)
 
 
 def _relinearised(fitted: Fit) -> Fit:
     """A fit whose simulator has derivatives by the members as they are at its coordinates."""
     problem = fitted.problem
     afresh = replace(problem, model=problem.model.with_member_derivatives(None))
-    fitted = renewed_slopes(replace(fitted, problem=afresh))
+    return _linear_in_members(renewed_slopes(replace(fitted, problem=afresh)))
+
+
+def _linear_in_members(fitted: Fit) -> Fit:
+    """A fit whose simulator takes the derivatives by the members as the fit has them."""
+    problem = fitted.problem
     stop = len(problem.model.calibrations)
     columns = fitted.jacobian[stop - problem.model.member_count : stop]
     derivatives = problem.whitening.unwhitened(columns)
@@ -133,19 +217,24 @@ def _with_coordinates(fitted: Fit, model: RecordingSimulator) -> np.ndarray:
     }
     keys = [(*candidate.key, i) for candidate in model.families for i in range(candidate.size)]
     sds = [item.sd for item in model.calibrations[plain_count:]]
-    members = [values.get(key, 0.0) / sd for key, sd in zip(keys, sds, strict=True)]
-    return np.r_[fitted.theta[:plain_count], members, fitted.theta[count:]]
+    coordinates = [values.get(key, 0.0) / sd for key, sd in zip(keys, sds, strict=True)]
+    return np.r_[fitted.theta[:plain_count], coordinates, fitted.theta[count:]]
 
 
-def _without_members(fitted: Fit, model: RecordingSimulator) -> Fit:
-    """A fit in a simulator with families, whose members are all 0 and do nothing."""
+def without_members(
+    explanation: Explanation, model: RecordingSimulator, rig: RigErrors | None
+) -> Explanation:
+    """An explanation in a simulator with families, whose members are all 0 and do nothing; rig: the
+    errors of the rig about a fit there."""
+    fitted = explanation.fit
     nothing = np.zeros((model.member_count, *fitted.residual.shape))
     model = model.with_member_derivatives(nothing)
     problem = replace(fitted.problem, model=model)
     count, size = len(fitted.problem.model.calibrations), len(model.calibrations)
     slopes = np.insert(fitted.jacobian, [count] * (size - count), 0.0, axis=0)
     theta = _with_coordinates(fitted, model)
-    return replace(fitted, problem=problem, theta=theta, slopes=Jacobian(slopes))
+    fitted = replace(fitted, problem=problem, theta=theta, slopes=Jacobian(slopes))
+    return replace(explanation, fit=fitted, rig=rig)
 
 
 def without_family(fitted: Fit, name: str) -> Fit:
@@ -160,4 +249,18 @@ def without_family(fitted: Fit, name: str) -> Fit:
     families.pop(name)
     reduced = _with_families(model, families, derivatives)
     start = _with_coordinates(fitted, reduced)
-    return fit(replace(fitted.problem, model=reduced), fitted.effects, start, polish=True)
+    return _polished(replace(fitted.problem, model=reduced), fitted.effects, start)
+
+
+def _polished(problem: Problem, effects: list[Candidate], start: np.ndarray) -> Fit:
+    """A fit at its optimum; where no skin is at its start, for members that made room for others
+    are gone, it begins with all members at 0, or with the beliefs as they are."""
+    count, member_count = len(problem.model.calibrations), problem.model.member_count
+    without_members = start.copy()
+    without_members[count - member_count : count] = 0.0
+    for begin in (start, without_members):
+        try:
+            return fit(problem, effects, begin, polish=True)
+        except InputError:
+            continue
+    return fit(problem, effects, np.zeros_like(start), polish=True)

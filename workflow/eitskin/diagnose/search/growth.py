@@ -18,6 +18,7 @@ from eitskin.diagnose.fitting.candidates import (
     replaces_instrument,
     without_site,
 )
+from eitskin.diagnose.fitting.family_sizes import standing_out
 from eitskin.diagnose.fitting.fit import fit
 from eitskin.diagnose.fitting.tangents import Tangents
 from eitskin.diagnose.search import channels, last_resorts
@@ -26,6 +27,7 @@ from eitskin.diagnose.search.gates import (
     BUDGET,
     CATCH_UP,
     CHANCE,
+    CULPRIT,
     EFFECTS_OF_A_SET,
     EVIDENCE,
     FREEDOM,
@@ -79,10 +81,19 @@ def run(
     """The search as it ended, the explanation without an effect, and the best one; start: effects
     that fewer frames showed; calibration: the calibrated explanation, where it is known."""
     if calibration is None:
-        search, calibration = calibrated(search)
+        search, calibration = calibrated(search, calibration_start(search, start))
     if start is None or not start.effects:
         return grown(search, calibration)
     return grown(search, calibration, at_start(search, calibration, start))
+
+
+def calibration_start(search: Search, start: StartingPoint | None) -> np.ndarray | None:
+    """Where the calibrations are fitted from: with families among them from a starting point, all
+    else from the beliefs."""
+    model = search.problem.model
+    if start is None or not model.families:
+        return None
+    return start.theta[: len(model.calibrations)]
 
 
 def grown(search: Search, calibration: Explanation, begin: Explanation | None = None) -> Outcome:
@@ -364,14 +375,23 @@ def _add(search: Search, explanation: Explanation) -> Explanation | None:
         p = trial.p_values[new.key]
         if not search.journal.judge(CHANCE, p, new, explanation):
             continue
-        sure = sure_gain(search, trial, explanation)
-        if search.journal.judge(PREDICTION, sure, new, explanation) and _is_needed(
-            search, trial, new
-        ):
+        if _predicts(search, trial, explanation, new) and _is_needed(search, trial, new):
             trial = trial.with_p_values({**explanation.p_values, new.key: p})
             search.journal.step("add", new, trial, p)
             return trial
     return None
+
+
+def _predicts(
+    search: Search, whole: Explanation, reduced_set: Explanation, effect: Candidate, place: str = ""
+) -> bool:
+    """Whether folds left out are surely better predicted with an effect than without, or it stands
+    out of its family, which predicts them as well; place: as of a `Decision`."""
+    culprit = standing_out(whole.fit, whole.effects.index(effect))
+    if culprit is not None and CULPRIT.admits(culprit.p_value):
+        return search.journal.judge(CULPRIT, culprit.p_value, effect, reduced_set, place)
+    sure = sure_gain(search, whole, reduced_set)
+    return search.journal.judge(PREDICTION, sure, effect, reduced_set, place)
 
 
 def _is_needed(search: Search, trial: Explanation, new: Candidate) -> bool:
@@ -402,9 +422,7 @@ def _confirmed(search: Search, explanation: Explanation) -> Explanation:
             if not (
                 judge(EVIDENCE, raised, effect, reduced_set)
                 and judge(CHANCE, p, effect, reduced_set)
-                and judge(
-                    PREDICTION, sure_gain(search, explanation, reduced_set), effect, reduced_set
-                )
+                and _predicts(search, explanation, reduced_set, effect)
             ):
                 search.journal.step("drop", effect, reduced_set, p)
                 explanation = reduced_set
@@ -503,8 +521,7 @@ def _in_place(search: Search, explanation: Explanation, index: int) -> Explanati
         )
         if not search.journal.judge(PLACE, ahead, new, reduced_set, effect.name):
             continue
-        sure = sure_gain(search, rival, reduced_set)
-        if search.journal.judge(PREDICTION, sure, new, reduced_set, effect.name):
+        if _predicts(search, rival, reduced_set, new, effect.name):
             p = rival.p_values[new.key]
             rival = rival.with_p_values({**explanation.p_values, new.key: p})
             search.journal.step("swap", new, rival, p)

@@ -37,7 +37,7 @@ def pruned(outcome: Outcome, units: np.ndarray, noise_dof: float) -> Outcome:
     was_replaced = replaces_instrument(after.effects)
     search, after = settled(search, after)
     in_noise, calibration, after = with_members((search, calibration, after))
-    if in_noise.problem.model.families:
+    if in_noise is not search:
         after = regrown(in_noise, after)
     after = _earning(in_noise, after, units, noise_dof)
     if was_replaced and not replaces_instrument(after.effects):

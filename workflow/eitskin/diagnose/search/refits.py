@@ -180,10 +180,11 @@ def _shared_objects(problem: Problem) -> list[object]:
     return [problem, *vars(problem).values(), *vars(problem.model).values(), *arrays]
 
 
-def calibrated(search: Search) -> tuple[Search, Explanation]:
+def calibrated(search: Search, theta: np.ndarray | None = None) -> tuple[Search, Explanation]:
     """The owner's beliefs with their calibrations fitted, no effect; and the search with the rig's
-    errors about that fit."""
-    start = np.zeros(len(search.problem.model.calibrations))
+    errors about that fit. theta (P,): coordinates of the calibrations where the fit begins, by
+    default the beliefs."""
+    start = np.zeros(len(search.problem.model.calibrations)) if theta is None else theta
     best = fit(search.problem, [], start, polish=True)
     if search.learns_rig and search.rig is None:
         rig = linearised_rig_errors(best, search.problem.whitening, search.converter_step)

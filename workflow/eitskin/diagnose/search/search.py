@@ -61,7 +61,8 @@ class Cache:
 class Search:
     """One recording's search for the effects that explain it.
 
-    problem: with noise alone in its covariance; folds: (N,) of frames, or (1, M) of channels where
+    problem: with noise alone in its covariance; family_members: with a value at every site, which
+    families have in place of candidates; folds: (N,) of frames, or (1, M) of channels where
     nobody touches; seed: of the recordings in which nothing is missing; report: called with a line
     of progress; last_resorts: candidates that are tried where the readings are not those of the
     skin; budget_share: of all that a diagnosis may solve; learns_rig: whether errors of the rig may
@@ -77,6 +78,7 @@ class Search:
     seed: int
     report: Callable[[str], None]
     last_resorts: list[Candidate] = field(default_factory=list)
+    family_members: list[Candidate] = field(default_factory=list)
     budget_share: float = 1.0
     learns_rig: bool = False
     converter_step: float = 0.0

@@ -9,8 +9,8 @@ import numpy as np
 from eitskin.data.recording import Recording
 from eitskin.data.subset import of_frames
 from eitskin.diagnose.fitting.candidates import Candidate, replaces_instrument
-from eitskin.diagnose.fitting.excerpt import excerpt
-from eitskin.diagnose.fitting.families import members
+from eitskin.diagnose.fitting.excerpt import excerpt_mask
+from eitskin.diagnose.fitting.families import MOST_TOUCHED_DERIVATIVES, members
 from eitskin.diagnose.fitting.fit import Problem, fit
 from eitskin.diagnose.fitting.held_out import draw_reserve_mask, folds
 from eitskin.diagnose.fitting.readings import noise_and_problem
@@ -18,13 +18,20 @@ from eitskin.diagnose.fitting.simulator import RecordingSimulator
 from eitskin.diagnose.noise.noise_model import NoiseModel
 from eitskin.diagnose.search.catalogue import Conditions, catalogue
 from eitskin.diagnose.search.explanation import Explanation
+from eitskin.diagnose.search.families import (
+    among_calibrations,
+    with_members,
+    without_members,
+    without_members_as_candidates,
+)
 from eitskin.diagnose.search.gates import GROSS_MISFIT
-from eitskin.diagnose.search.growth import Outcome, at_start, grown, run
+from eitskin.diagnose.search.growth import Outcome, at_start, calibration_start, grown, run
 from eitskin.diagnose.search.journal import Journal
 from eitskin.diagnose.search.refits import (
     DISCREPANCY,
     calibrated,
     forked,
+    settled,
     without_discrepancy,
 )
 from eitskin.diagnose.search.search import Search
@@ -64,10 +71,6 @@ def prepared(
     journal = journal or Journal()
     recorded_V = np.where(problem.whitening.mask, recording.readings, np.nan)
     candidates = catalogue(conditions, recorded_V, scales, journal)
-    if not (conditions.touched or model.difference):
-        problem = replace(problem, families=members(candidates, problem.readings.size))
-        family_keys = {m.key for family in problem.families.values() for m in family}
-        candidates = [c for c in candidates if c.scope != "dense" or c.key not in family_keys]
     search = Search(
         problem,
         [c for c in candidates if not c.effect.last_resort],
@@ -79,6 +82,8 @@ def prepared(
         converter_step=noise.converter_step,
         journal=journal,
     )
+    if not (conditions.touched or model.difference):
+        search = _with_families(search)
     return noise, search, reserve_mask
 
 
@@ -97,12 +102,28 @@ def searched(
         return grown(*stated_start), False
     mask = search.problem.whitening.mask
     fitted = replace(recording, voltage=np.where(mask, recording.readings, np.nan))
-    start = _untouched_first(search, fitted, seed)
+    untouched = _untouched_first(search, fitted, seed)
+    if untouched is None:
+        return _on_all(search, fitted, seed, None)
+    with_families, start = among_calibrations(search, untouched)
+    if with_families is search:
+        return _on_all(search, fitted, seed, start)
+    _, baseline = calibrated(search, start.theta[: len(search.problem.model.calibrations)])
+    (search, _, best), was_cut_short = _on_all(with_families, fitted, seed, start)
+    baseline = without_members(baseline, search.problem.model, search.rig)
+    return (search, baseline, best), was_cut_short
+
+
+def _on_all(
+    search: Search, recording: Recording, seed: int, start: StartingPoint | None
+) -> tuple[Outcome, bool]:
+    """The outcome of a search of all frames of a recording from a start, begun on FIRST_FRAMES of
+    many, and whether that was cut short."""
     if len(recording.frames) < 2 * FIRST_FRAMES:
         return run(search, start), False
     stages: list[Callable[[], tuple]] = [
-        partial(_few_first, search, fitted, seed, start),
-        partial(_calibrated_rig, search),
+        partial(_few_first, search, recording, seed, start),
+        partial(_calibrated_rig, search, start),
     ]
     (start, was_cut_short), (calibration, rig) = forked(search, lambda stage: stage(), stages)
     search = replace(search, rig=rig)
@@ -110,18 +131,19 @@ def searched(
     return run(search, start, calibration), was_cut_short
 
 
-def _calibrated_rig(search: Search) -> tuple:
+def _calibrated_rig(search: Search, start: StartingPoint | None) -> tuple:
     """The calibrated explanation, and the rig's errors about it."""
-    search, calibration = calibrated(search)
+    search, calibration = calibrated(search, calibration_start(search, start))
     return calibration, search.rig
 
 
 def _on_frames(
-    search: Search, recording: Recording, part: Recording, seed: int, share: float
+    search: Search, recording: Recording, rows: np.ndarray, seed: int, share: float
 ) -> Search:
-    """A search like that of a recording, on the frames of an excerpt of it."""
-    problem = search.problem
+    """A search like that of a recording, on some of its frames: rows (N,) bool."""
+    problem, part = search.problem, of_frames(recording, rows)
     model = RecordingSimulator(part, problem.model, problem.model.solved_skins)
+    model = model.with_families_of(problem.model, rows)
     readings = np.where(model.simulable[:, None], part.readings, np.nan)
     clock = part.frames["frame"].to_numpy()
     whitening = replace(problem.whitening, mask=np.isfinite(readings), frame_number=clock)
@@ -166,35 +188,50 @@ def _few_first(
 ) -> tuple[StartingPoint, bool]:
     """The effects that FIRST_FRAMES frames show, from a start, and whether the search on them was
     cut short."""
-    part = excerpt(recording, FIRST_FRAMES)
-    search.report(f"first on {len(part.frames)} frames")
-    on_few = _on_frames(search, recording, part, seed, FIRST_SHARE)
+    rows = excerpt_mask(recording, FIRST_FRAMES)
+    search.report(f"first on {rows.sum()} frames")
+    on_few = _on_frames(search, recording, rows, seed, FIRST_SHARE)
     on_few, _, after = run(on_few, start)
     return StartingPoint.from_explanation(after), on_few.spent
 
 
-def _untouched_first(search: Search, recording: Recording, seed: int) -> StartingPoint | None:
-    """The effects that explain the frames in which nobody touches, where more than
+def _untouched_first(search: Search, recording: Recording, seed: int) -> Explanation | None:
+    """The effects and families that explain the frames in which nobody touches, where more than
     UNTOUCHED_DISCREPANCY of their readings is unexplained: so far off, touches would be followed to
     anywhere. None where nothing does: a wrong name would stay."""
     model = search.problem.model
     count = int((~model.touched).sum())
     if model.difference or count < LEAST_UNTOUCHED or not model.touched.any():
         return None
-    part = of_frames(recording, ~model.touched)
-    untouched = _on_frames(search, recording, part, seed, UNTOUCHED_SHARE)
+    untouched = _on_frames(search, recording, ~model.touched, seed, UNTOUCHED_SHARE)
     plain = fit(untouched.problem, [], np.zeros(len(model.calibrations)))
     size = untouched.problem.whitening.size
     if plain.chi2 < GROSS_MISFIT.threshold * size:
         return None
-    calibrated_search, calibration = calibrated(untouched)
+    _, calibration = calibrated(untouched)
     if calibration.error_sds.get(DISCREPANCY, 0.0) < UNTOUCHED_DISCREPANCY:
         return None
     search.report(f"first on the {count} frames in which nobody touches")
-    _, _, after = run(calibrated_search)
-    if replaces_instrument(after.effects):
+    size_of_all = search.problem.readings.size
+    if members(search.candidates, size_of_all, MOST_TOUCHED_DERIVATIVES):
+        untouched = _with_families(untouched)
+    outcome = run(untouched)
+    if replaces_instrument(outcome[2].effects):
         return None  # in noise of its own making it would explain anything
-    is_explained = without_discrepancy(after, after.fit).chi2 / size < EXPLAINED
-    if not (after.effects and is_explained):
-        return None
-    return StartingPoint.from_explanation(after)
+    ended, calibration, best = outcome
+    settled_search, best = settled(ended, best)
+    _, _, after = with_members((settled_search, calibration, best))
+    if without_discrepancy(after, after.fit).chi2 / size >= EXPLAINED:
+        # Families alone are no wrong name.
+        settled_search, unnamed = settled(ended, calibration)
+        _, _, after = with_members((settled_search, calibration, unnamed))
+    return after if after.effects or after.fit.problem.model.families else None
+
+
+def _with_families(search: Search) -> Search:
+    """A search of frames that nobody touches, with families in place of the candidates that are
+    their members."""
+    families = members(search.candidates, search.problem.readings.size)
+    search = replace(search, problem=replace(search.problem, families=families))
+    every_member = (member for family in families.values() for member in family)
+    return without_members_as_candidates(search, every_member)

@@ -234,8 +234,7 @@ class FittedEffect:
         change = rest.fit.problem.whitening(simulated - tangents.voltage).ravel()
         whitened = tangents.marginal(change.reshape(tangents.voltage.shape))
         signature = tangents.project_out(whitened.ravel())
-        members = [c for family in search.problem.families.values() for c in family]
-        everywhere = [*search.candidates, *members]
+        everywhere = [*search.candidates, *search.family_members]
         dense = [c for c in everywhere if c.name in names and c.scope == "dense"]
         columns = np.concatenate([tangents.columns(sparse(c, tuple(electrodes))) for c in dense])
         gain, _ = explained_square(columns, signature)
