@@ -39,7 +39,7 @@ def stood(monkeypatch, start, settled):
         "reduced": lambda _search, _explanation, _index: state(-100.0),
         "scores": lambda _search, _explanation: [],
         "trials": trials,
-        "sure_gain": lambda _search, _rival, _less: 1.0,
+        "_predicts": lambda *_: True,
         "_drop": lambda _search, set_: state(settled[set_.effects[-1].name], set_.effects[-1].name),
         "_grow": lambda _search, explanation: explanation,
     }.items():

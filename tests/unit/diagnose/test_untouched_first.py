@@ -31,7 +31,7 @@ def test_what_is_far_off_is_explained_without_the_touches():
     assert "nobody touches" in lines[0]
     few = of_frames(recorded, ~recorded.frames["touch"].to_numpy(bool))
     problem = staging.prepared(few, 1)[1].problem
-    assert fit(problem, start.effects, start.theta).chi2 < 1.3 * problem.whitening.size
+    assert fit(problem, start.effects, start.fit.theta).chi2 < 1.3 * problem.whitening.size
 
 
 @pytest.mark.long
@@ -48,13 +48,16 @@ def test_what_is_right_without_touches_is_looked_for_with_them(item):
     assert first_of(small_recording(*items, noise=NOISE)) == (None, [])
 
 
-def test_what_explains_these_frames_in_part_begins_nothing():
+def test_two_gains_that_hide_each_other_stand_out_of_their_families():
     gains = [
         {"name": "drive-gain", "drives": [4], "parameters": {"gain": 0.95}},
         {"name": "measurement-gain", "measures": [4], "parameters": {"gain": 0.95}},
     ]
     start, lines = first_of(small_recording(*gains, noise=NOISE))
-    assert start is None and lines
+    assert start is not None and lines
+    values = {s.effect.name: s.values["gain"].tolist() for s in start.fit.settings()}
+    assert values == {item["name"]: pytest.approx([0.95], abs=1e-3) for item in gains}
+    assert {c.sites for c in start.effects} == {(4,)}
 
 
 def test_a_recording_of_touches_alone_has_no_frames_to_begin_with():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from eitskin.data.recording import presses
-from eitskin.diagnose.fitting.excerpt import excerpt
+from eitskin.diagnose.fitting.excerpt import excerpt, excerpt_mask
 from eitskin.diagnose.search import staging
 from small_skin import problem_of, small_recording
 
@@ -62,7 +62,6 @@ def test_noise_lasts_by_the_numbers_of_the_frames():
     assert np.array_equal(problem.whitening.frame_number, once.frames["frame"])
     assert (np.diff(problem.whitening.frame_number) > 1).any()
     _, search, _ = staging.prepared(once, 1)
-    fewer = excerpt(once, 12)
-    few = staging._on_frames(search, once, fewer, 1, 1.0).problem.whitening
+    few = staging._on_frames(search, once, excerpt_mask(once, 12), 1, 1.0).problem.whitening
     assert np.array_equal(few.frame_number, excerpt(once, 12).frames["frame"])
     assert few.mask.shape[0] == len(few.frame_number) < len(problem.whitening.frame_number)

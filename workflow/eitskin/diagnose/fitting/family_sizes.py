@@ -11,7 +11,7 @@ are those of the greatest likelihood under half-normal priors of one typical cha
 """
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +24,9 @@ from eitskin.diagnose.fitting.simulator import Member
 from eitskin.diagnose.noise.components import COMPONENTS
 
 MOST_GROWTH = 100.0  # times its sd, that a family may be learned to have
+APART = "apart"  # the first word of the name of a member that is apart from its family
+LEAST_DEVIATION = 1.5  # sds of its family, from which on a member may be apart
+OUTLYING = 8.4  # nats: of 37 names one, of six sizes of an effect one, and strong evidence, 3
 ABSENT = 1e-3  # of its prior's sd: a family that is smaller does nothing
 
 
@@ -66,7 +69,7 @@ class FamilySizes:
         matrix = np.eye(len(root)) + root[:, None] * self.gram * root
         inverse, scaled = np.linalg.inv(matrix), root * self.products
         x = inverse @ scaled
-        prior = (sds / np.array([COMPONENTS[name].prior_sd for name in self.names])) ** 2
+        prior = (sds / self._prior_sds()) ** 2
         excess = x**2 - (1.0 - np.diag(inverse))
         slopes = np.array([excess[self.label == k].sum() for k in range(len(sds))]) - prior
         likelihood = 0.5 * (scaled @ x - np.linalg.slogdet(matrix)[1] - prior.sum())
@@ -86,6 +89,40 @@ class FamilySizes:
         ratio = present * np.exp(best.x)
         ratio[ratio < 2.0 * ABSENT] = 0.0
         return ratio * self.sds, -float(best.fun)
+
+    def _prior_sds(self) -> np.ndarray:
+        """(K,): sds of the sizes' priors, none of a member of its own."""
+        return np.array([COMPONENTS[n].prior_sd if n in COMPONENTS else np.inf for n in self.names])
+
+    def apart(self, coordinate: int) -> "FamilySizes":
+        """With one member, by its coordinate, apart from its family: of a size of its own."""
+        label = self.label.copy()
+        family, label[coordinate] = label[coordinate], len(self.names)
+        names = [*self.names, f"{APART} {coordinate}"]
+        return replace(self, names=names, sds=np.append(self.sds, self.sds[family]), label=label)
+
+    def outlying(self, coordinates: Collection[int]) -> dict[int, float]:
+        """Members among some coordinates that are likelier apart from their families, of which they
+        would make the size: by coordinate the nats by which they are. As long as these are more
+        than OUTLYING and the choice among the family's members cost, the likeliest first (a spike
+        beside a slab: Mitchell, Beauchamp, JASA 83, 1988)."""
+        sizes: FamilySizes = self
+        nats: dict[int, float] = {}
+        while True:
+            sds, likelihood = sizes.greatest()
+            root = np.sqrt(sizes.variance) * np.r_[sds / sizes.sds, 1.0][sizes.label]
+            matrix = np.eye(len(root)) + root[:, None] * sizes.gram * root
+            deviation = np.abs(np.linalg.solve(matrix, root * sizes.products))
+            raised = {
+                i: sizes.apart(i).greatest()[1] - likelihood
+                for i in coordinates
+                if i not in nats and deviation[i] > LEAST_DEVIATION
+            }
+            best = max(raised, key=lambda i: raised[i], default=-1)
+            choices = int((self.label == self.label[best]).sum())
+            if best < 0 or raised[best] < OUTLYING + np.log(choices):
+                return nats
+            nats[best], sizes = raised[best], sizes.apart(best)
 
     def member_variance(self) -> np.ndarray:
         """(P,): variance of the coordinates given the readings, over that of their priors."""

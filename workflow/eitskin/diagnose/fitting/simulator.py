@@ -213,7 +213,7 @@ class RecordingSimulator:
     def member_columns(self) -> tuple[np.ndarray, np.ndarray]:
         """The numbers (K,) of the calibrations that are members of families, and the derivatives
         (K, N, M) of the readings by them; none where these are not known."""
-        if self.member_derivatives is None:
+        if self.member_derivatives is None or not self.families:
             return np.zeros(0, int), np.zeros((0, *self.simulable.shape, len(self.channels)))
         count = len(self.member_derivatives)
         return np.arange(len(self.calibrations))[-count:], self.member_derivatives

@@ -20,9 +20,10 @@ from eitskin.diagnose.fitting.simulator import RecordingSimulator
 from eitskin.diagnose.noise.components import COMPONENTS
 from eitskin.diagnose.noise.families import Family
 from eitskin.diagnose.noise.rig_errors import RigErrors
-from eitskin.diagnose.search.explanation import Explanation
+from eitskin.diagnose.search.explanation import Explanation, added_effect
 from eitskin.diagnose.search.growth import Outcome, at_start, cut_short
-from eitskin.diagnose.search.refits import calibrated, explain
+from eitskin.diagnose.search.refits import calibrated, explain, with_effect
+from eitskin.diagnose.search.screen import chance_p_value, sparse
 from eitskin.diagnose.search.search import Cache, Search
 from eitskin.diagnose.search.starting_point import StartingPoint
 from eitskin.errors import InputError
@@ -55,40 +56,59 @@ def with_members(outcome: Outcome) -> Outcome:
     search, calibration, explanation = outcome
     if explanation.rig is None or not family_sds(explanation):
         return outcome
-    fitted, sds, columns = explanation.fit, family_sds(explanation), explanation.rig.columns
-    derivatives = {name: columns[name] for name in sds}
-    learned, rig = explanation, explanation.rig
-    for _ in range(JOINING_ROUNDS):
-        rig_sds = {n: sd for n, sd in learned.error_sds.items() if n not in family_sds(learned)}
-        whitening = rig.whitening(rig_sds, fitted=True)
-        problem = replace(search.problem, whitening=whitening)
-        fitted = _members_fitted(problem, fitted, sds, derivatives)
-        rig = linearised_rig_errors(fitted, search.problem.whitening, search.converter_step)
-        learned = explain(search, fitted, explanation.p_values, rig_sds, rig)
-        joining = family_sds(learned)
-        sds = _sds(fitted.problem.model)
-        if not joining:
-            break
-        derivatives = _typical_derivatives(fitted.problem.model)
-        derivatives |= {name: rig.columns[name] for name in joining}
-        sds |= joining
-    search.report(f"a little wrong everywhere: {', '.join(_sds(fitted.problem.model))}")
-    model = fitted.problem.model
-    fitted = replace(fitted, problem=replace(fitted.problem, families={}))
-    in_noise = replace(search.problem, model=model, families={})
-    rig = linearised_rig_errors(fitted, in_noise.whitening, search.converter_step)
     if search.spent:
         cut_short(search, explanation)
     budget_used = max(search.budget_used, 1.0) * search.budget_share
     search = replace(
-        search,
-        problem=in_noise,
-        rig=rig,
-        cache=Cache(null=search.cache.null),
-        budget_share=budget_used + MEMBERS_SHARE,
+        search, cache=Cache(null=search.cache.null), budget_share=budget_used + MEMBERS_SHARE
     )
+    sds, learned, rig = family_sds(explanation), explanation, explanation.rig
+    derivatives = {name: rig.columns[name] for name in sds}
+    for _ in range(JOINING_ROUNDS):
+        rig_sds = {n: sd for n, sd in learned.error_sds.items() if n not in family_sds(learned)}
+        problem = replace(search.problem, whitening=rig.whitening(rig_sds, fitted=True))
+        fitted = _members_fitted(problem, learned.fit, sds, derivatives)
+        rig = linearised_rig_errors(fitted, search.problem.whitening, search.converter_step)
+        explained = explain(search, fitted, learned.p_values, rig_sds, rig)
+        learned = _with_culprits(search, explained)
+        sds, joining = _sds(fitted.problem.model), family_sds(learned)
+        if not sds or (learned is explained and not joining):
+            break
+        derivatives = _typical_derivatives(fitted.problem.model)
+        derivatives |= {name: rig.columns[name] for name in joining}
+        sds |= joining
+    model = learned.fit.problem.model
+    if model.families:
+        search.report(f"a little wrong everywhere: {', '.join(_sds(model))}")
+    fitted = replace(learned.fit, problem=replace(learned.fit.problem, families={}))
+    in_noise = replace(search.problem, model=model, families={})
+    rig = linearised_rig_errors(fitted, in_noise.whitening, search.converter_step)
+    search = replace(search, problem=in_noise, rig=rig, cache=Cache(null=search.cache.null))
     baseline = without_members(calibration, model, rig)
-    return search, baseline, explain(search, fitted, explanation.p_values, rig_sds, rig)
+    return search, baseline, explain(search, fitted, learned.p_values, rig_sds, rig)
+
+
+def _with_culprits(search: Search, explanation: Explanation) -> Explanation:
+    """An explanation with members that are likelier apart from their families as effects; itself
+    where there is none."""
+    model = explanation.fit.problem.model
+    if not model.families:
+        return explanation
+    sites = {
+        place.start + number: (family, site)
+        for family, place in model.family_slices
+        if family.sites is not None
+        for number, site in enumerate(family.sites)
+    }
+    for coordinate, nats in FamilySizes.from_fit(explanation.fit).outlying(sites).items():
+        family, site = sites[coordinate]
+        trial = with_effect(search, explanation, sparse(family, (site,)))
+        if isinstance(trial, Explanation):
+            new = added_effect(explanation, trial)
+            p_value = chance_p_value(2.0 * nats, 1, len(sites))
+            explanation = trial.with_p_values({**trial.p_values, new.key: p_value})
+            search.journal.step("add", new, explanation, p_value)
+    return explanation
 
 
 def _members_fitted(
@@ -110,7 +130,10 @@ def _members_fitted(
         greatest_sds, _ = sizes.greatest()
         is_settled = np.allclose(greatest_sds, sizes.sds, rtol=SAME_SIZE, atol=0.0)
         sds = {name: sd for name, sd in zip(sizes.names, greatest_sds, strict=True) if sd > 0.0}
-        if (is_settled and number > 0) or not sds:
+        if not sds:
+            start = _with_coordinates(fitted, plain)
+            return _polished(replace(problem, model=plain), begin.effects, start)
+        if is_settled and number > 0:
             break
     return _relinearised(fitted)
 

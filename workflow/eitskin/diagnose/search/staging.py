@@ -27,6 +27,7 @@ from eitskin.diagnose.search.families import (
 from eitskin.diagnose.search.gates import GROSS_MISFIT
 from eitskin.diagnose.search.growth import Outcome, at_start, calibration_start, grown, run
 from eitskin.diagnose.search.journal import Journal
+from eitskin.diagnose.search.prediction import is_unlike
 from eitskin.diagnose.search.refits import (
     DISCREPANCY,
     calibrated,
@@ -208,24 +209,35 @@ def _untouched_first(search: Search, recording: Recording, seed: int) -> Explana
     size = untouched.problem.whitening.size
     if plain.chi2 < GROSS_MISFIT.threshold * size:
         return None
-    _, calibration = calibrated(untouched)
+    calibrated_search, calibration = calibrated(untouched)
     if calibration.error_sds.get(DISCREPANCY, 0.0) < UNTOUCHED_DISCREPANCY:
         return None
     search.report(f"first on the {count} frames in which nobody touches")
-    size_of_all = search.problem.readings.size
-    if members(search.candidates, size_of_all, MOST_TOUCHED_DERIVATIVES):
-        untouched = _with_families(untouched)
-    outcome = run(untouched)
-    if replaces_instrument(outcome[2].effects):
+    _, _, named = run(calibrated_search)
+    if replaces_instrument(named.effects):
         return None  # in noise of its own making it would explain anything
-    ended, calibration, best = outcome
+    if named.effects and _explains(named):
+        return named
+    size_of_all = search.problem.readings.size
+    is_small = members(search.candidates, size_of_all, MOST_TOUCHED_DERIVATIVES)
+    if not is_small or is_unlike(calibrated_search, calibration):
+        return None
+    roomy = replace(untouched, budget_share=untouched.budget_used * untouched.budget_share)
+    roomy = replace(roomy, budget_share=roomy.budget_share + UNTOUCHED_SHARE)
+    ended, calibration, best = run(_with_families(roomy))
     settled_search, best = settled(ended, best)
     _, _, after = with_members((settled_search, calibration, best))
-    if without_discrepancy(after, after.fit).chi2 / size >= EXPLAINED:
+    if not _explains(after):
         # Families alone are no wrong name.
         settled_search, unnamed = settled(ended, calibration)
         _, _, after = with_members((settled_search, calibration, unnamed))
-    return after if after.effects or after.fit.problem.model.families else None
+    return after if after.fit.problem.model.families or _explains(after) else None
+
+
+def _explains(explanation: Explanation) -> bool:
+    """Whether an explanation leaves little more than noise, without a discrepancy."""
+    plain = without_discrepancy(explanation, explanation.fit)
+    return plain.chi2 < EXPLAINED * plain.problem.whitening.size
 
 
 def _with_families(search: Search) -> Search:
