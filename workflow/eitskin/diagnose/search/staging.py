@@ -45,6 +45,7 @@ FIRST_SHARE = 2 / 3  # of the budget, that the search on these may take
 # Where more than this share of the untouched readings is left unexplained, untouched frames are
 # searched first, if there are so many of them, for this share of the budget.
 UNTOUCHED_DISCREPANCY, LEAST_UNTOUCHED, UNTOUCHED_SHARE = 3e-3, 5, 1 / 3
+MOST_DENSE_NAMES = 1  # with values at every site: with two, a skin is a little wrong everywhere
 EXPLAINED = 2.0  # chi squared a reading, up to which such a start is trusted
 
 
@@ -216,7 +217,8 @@ def _untouched_first(search: Search, recording: Recording, seed: int) -> Explana
     _, _, named = run(calibrated_search)
     if replaces_instrument(named.effects):
         return None  # in noise of its own making it would explain anything
-    if named.effects and _explains(named):
+    dense_names = {effect.name for effect in named.effects if effect.scope == "dense"}
+    if named.effects and len(dense_names) <= MOST_DENSE_NAMES and _explains(named):
         return named
     size_of_all = search.problem.readings.size
     is_small = members(search.candidates, size_of_all, MOST_TOUCHED_DERIVATIVES)
