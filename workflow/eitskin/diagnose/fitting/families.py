@@ -12,9 +12,9 @@ from eitskin.diagnose.noise.families import Family
 # Derivatives of all readings by all members, that a diagnosis holds at most: 160 frames of 16
 # electrodes, 18 of 32. More take minutes and gigabytes, and values at every site are effects then.
 MOST_DERIVATIVES = 4_000_000
-# Of a recording with touches, whose fits have the members among their calibrations: 500 frames of
+# Of a recording with touches, whose fits have the members among their calibrations: 240 frames of
 # 16 electrodes with adjacent drives.
-MOST_TOUCHED_DERIVATIVES = 12_500_000
+MOST_TOUCHED_DERIVATIVES = 6_000_000
 LEAST_CHANGE = 1e-7  # of the readings, by a typical change of all members: less is rounding
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from eitskin.data.recording import Recording
 from eitskin.diagnose.fitting.excerpt import LIMIT_GIB, MAX_FRAMES
-from eitskin.diagnose.fitting.families import MOST_DERIVATIVES
+from eitskin.diagnose.fitting.families import MOST_DERIVATIVES, MOST_TOUCHED_DERIVATIVES
 from eitskin.diagnose.fitting.jacobian import GROUP_BYTES, WHOLE_BYTES
 from eitskin.diagnose.fitting.simulator import CACHED_BYTES, CACHED_FRAMES, beliefs
 from eitskin.effects import EFFECTS
@@ -91,8 +91,8 @@ def peak_bytes(counts: Counts, frames: int | np.ndarray) -> np.ndarray:
     # In double precision for draws of chance, and in single precision.
     derivatives = (pairs + 11 * n + 70) + (pairs + 6 * n + 45)
     members = (FAMILIES * n + RIM_COLUMNS) * column / FLOAT_BYTES
-    families = FAMILY_COPIES * FLOAT_BYTES * np.minimum(members, MOST_DERIVATIVES)
-    families = families * (not counts.touched)
+    most = MOST_TOUCHED_DERIVATIVES if counts.touched else MOST_DERIVATIVES
+    families = FAMILY_COPIES * FLOAT_BYTES * np.minimum(members, most)
     gains = m * column * counts.touched
     mapped = np.where(gains > WHOLE_BYTES, GROUP_BYTES, gains)
     linked_matrix = FLOAT_BYTES * (m * (LASTING_ERRORS if counts.touched else 1)) ** 2
