@@ -32,7 +32,7 @@ def families(diagnosis: Diagnosis) -> list[dict]:
     if not fitted.problem.model.families:
         return []
     sizes = FamilySizes.from_fit(fitted)
-    _, best = sizes.greatest()
+    greatest_sds, best = sizes.greatest()
     determined = 1.0 - sizes.member_variance()
     entries = []
     for index, name in enumerate(sizes.names):
@@ -40,13 +40,15 @@ def families(diagnosis: Diagnosis) -> list[dict]:
         assert isinstance(family, Family)
         members = [c for c in fitted.problem.model.families if family_name(c) == name]
         unit, typical = _unit(members[0])
-        sd = typical * float(sizes.sds[index])
+        sd = typical * float(greatest_sds[index])
         count = max(float(determined[sizes.label == index].sum()), 1.0)
         factor = float(np.exp(NORMAL_90 * np.sqrt(0.5 / count)))
         reduced_sds, likelihood = sizes.greatest([name])
         confused = [
             rival
-            for rival, reduced_sd, full_sd in zip(sizes.names, reduced_sds, sizes.sds, strict=True)
+            for rival, reduced_sd, full_sd in zip(
+                sizes.names, reduced_sds, greatest_sds, strict=True
+            )
             if best - likelihood < CLASS_NATS and rival != name and reduced_sd > GROWTH * full_sd
         ]
         _, class_likelihood = sizes.greatest([name, *confused])
