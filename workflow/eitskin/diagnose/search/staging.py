@@ -217,19 +217,22 @@ def _untouched_first(search: Search, recording: Recording, seed: int) -> Explana
     _, _, named = run(calibrated_search)
     if replaces_instrument(named.effects):
         return None  # in noise of its own making it would explain anything
+    by_names = named if named.effects and _explains(named) else None
     dense_names = {effect.name for effect in named.effects if effect.scope == "dense"}
-    if named.effects and len(dense_names) <= MOST_DENSE_NAMES and _explains(named):
-        return named
+    if by_names is not None and len(dense_names) <= MOST_DENSE_NAMES:
+        return by_names
     size_of_all = search.problem.readings.size
     is_small = members(search.candidates, size_of_all, MOST_TOUCHED_DERIVATIVES)
     if not is_small or is_unlike(calibrated_search, calibration):
-        return None
+        return by_names
     roomy = replace(untouched, budget_share=untouched.budget_used * untouched.budget_share)
     roomy = replace(roomy, budget_share=roomy.budget_share + UNTOUCHED_SHARE)
     ended, calibration, best = run(_with_families(roomy))
     settled_search, best = settled(ended, best)
     _, _, after = with_members((settled_search, calibration, best))
     if not _explains(after):
+        if by_names is not None:
+            return by_names
         # Families alone are no wrong name.
         settled_search, unnamed = settled(ended, calibration)
         _, _, after = with_members((settled_search, calibration, unnamed))
