@@ -102,17 +102,17 @@ def plan(planned: str, provenance: str, products: Iterable[str], stale: bool) ->
     refuses what is older than its input.
     """
     products = list(products)
-    now = time.time()
+    time_s = time.time()
     for product in filter(os.path.exists, products):
-        if os.stat(product).st_mtime >= now:
-            os.utime(product, (now - 1, now - 1))
-    there = all(map(os.path.exists, products))
-    made = there and not stale and _content(record_path(planned)) == provenance
-    if not made:
-        _write(planned, f"{provenance}{now}\n")
+        if os.stat(product).st_mtime >= time_s:
+            os.utime(product, (time_s - 1, time_s - 1))
+    are_present = all(map(os.path.exists, products))
+    is_current = are_present and not stale and _content(record_path(planned)) == provenance
+    if not is_current:
+        _write(planned, f"{provenance}{time_s}\n")
     elif not os.path.exists(planned):
         _write(planned, provenance)
-    return made
+    return is_current
 
 
 def planned_content(planned: str | Path) -> dict:

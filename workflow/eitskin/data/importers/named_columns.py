@@ -51,9 +51,9 @@ def combined(path: Path, names: list[str], values: np.ndarray) -> tuple[list[str
     if kinds == {("magnitude",)}:
         return list(columns), values, ""
     if len(kinds) > 1 or kinds <= {("phase",), ("real",), ("imaginary",)}:
-        found = f"columns of {', '.join(sorted({part for kind in kinds for part in kind}))}"
+        actual = f"columns of {', '.join(sorted({part for kind in kinds for part in kind}))}"
         expected = "magnitude and phase, or real and imaginary part, of each reading"
-        raise InputError(path, "columns", found, expected)
+        raise InputError(path, "columns", actual, expected)
     stems = list(columns)
     if kinds == {("imaginary", "real")}:
         real, imaginary = (
@@ -85,8 +85,8 @@ def channels(names: list[str]) -> list[list[int]] | None:
 
 
 def _from_zero(channels: list[list[int]]) -> list[list[int]]:
-    first = 0 if min(map(min, channels)) == 0 else 1
-    return [[electrode - first for electrode in channel] for channel in channels]
+    lowest_number = 0 if min(map(min, channels)) == 0 else 1
+    return [[electrode - lowest_number for electrode in channel] for channel in channels]
 
 
 def is_row_a_reading(names: list[str]) -> bool:
@@ -112,8 +112,8 @@ def refuse_unnamed_rows(path: Path, names: list[str], values: np.ndarray) -> Non
     if (a == b).any() or (m == n).any():
         return
     electrodes = ", ".join(names[k] for k in columns)
-    others = ", ".join(name for k, name in enumerate(names) if k not in columns)
-    violation = f"{electrodes}, as of a reading a row, and {others}"
+    spare_columns = ", ".join(name for k, name in enumerate(names) if k not in columns)
+    violation = f"{electrodes}, as of a reading a row, and {spare_columns}"
     expected = (
         "electrodes named a, b (drive), m, n (measurement), and the reading r (ohm) or u (V); an"
         " apparent resistivity over its geometric factor"
@@ -131,9 +131,9 @@ def frames_of_rows(
     """
     lower = [name.lower() for name in names]
     rows = values[:, [lower.index(name) for name in ELECTRODES]]
-    whole = np.isfinite(rows).all(axis=1) & (rows == np.round(rows)).all(axis=1)
-    if not whole.all():
-        line = lines[int(np.flatnonzero(~whole)[0])]
+    is_integer = np.isfinite(rows).all(axis=1) & (rows == np.round(rows)).all(axis=1)
+    if not is_integer.all():
+        line = lines[int(np.flatnonzero(~is_integer)[0])]
         raise InputError(path, f"line {line}, columns a, b, m, n", "no electrode", "whole numbers")
     numbers = [tuple(row) for row in rows.astype(int).tolist()]
     reading = next(name for name in lower if name in READINGS)
@@ -148,8 +148,8 @@ def frames_of_rows(
     for k, (row, channel) in enumerate(zip(frame, numbers, strict=True)):
         place = row, place_of[channel]
         if filled[place]:
-            found = f"channel {', '.join(map(str, channel))} again in frame {row}"
-            raise InputError(path, f"line {lines[k]}", found, "each once a frame")
+            actual = f"channel {', '.join(map(str, channel))} again in frame {row}"
+            raise InputError(path, f"line {lines[k]}", actual, "each once a frame")
         filled[place] = True
         frames[place] = values[k, lower.index(reading)]
     return frames, _from_zero([list(channel) for channel in place_of]), READINGS[reading]

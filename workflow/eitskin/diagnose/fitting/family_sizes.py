@@ -64,9 +64,7 @@ class FamilySizes:
         """Of sds (K,), with their priors, up to a constant; and its derivatives (K,) by their
         logarithms: by x = (I + D G D)^-1 D b, the coordinates in sds of their priors, the sum of
         x^2 over a family less the number of its coordinates that the readings determine."""
-        ratio = np.r_[sds / self.sds, 1.0]
-        root = np.sqrt(self.variance) * ratio[self.label]
-        matrix = np.eye(len(root)) + root[:, None] * self.gram * root
+        root, matrix = self._standardised(sds)
         inverse, scaled = np.linalg.inv(matrix), root * self.products
         x = inverse @ scaled
         prior = (sds / self._prior_sds()) ** 2
@@ -110,8 +108,7 @@ class FamilySizes:
         nats: dict[int, float] = {}
         while True:
             sds, likelihood = sizes.greatest()
-            root = np.sqrt(sizes.variance) * np.r_[sds / sizes.sds, 1.0][sizes.label]
-            matrix = np.eye(len(root)) + root[:, None] * sizes.gram * root
+            root, matrix = sizes._standardised(sds)
             deviation = np.abs(np.linalg.solve(matrix, root * sizes.products))
             raised = {
                 i: sizes.apart(i).greatest()[1] - likelihood
@@ -126,8 +123,13 @@ class FamilySizes:
 
     def member_variance(self) -> np.ndarray:
         """(P,): variance of the coordinates given the readings, over that of their priors."""
-        root = np.sqrt(self.variance)
-        return np.diag(np.linalg.inv(np.eye(len(root)) + root[:, None] * self.gram * root))
+        _, matrix = self._standardised(self.sds)
+        return np.diag(np.linalg.inv(matrix))
+
+    def _standardised(self, sds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """D's diagonal (P,) and I + D G D (P, P) at sds (K,)."""
+        root = np.sqrt(self.variance) * np.r_[sds / self.sds, 1.0][self.label]
+        return root, np.eye(len(root)) + root[:, None] * self.gram * root
 
 
 class StandingOut(NamedTuple):

@@ -29,7 +29,6 @@ from eitskin.diagnose.search.starting_point import StartingPoint
 from eitskin.errors import InputError
 
 MEMBERS_SHARE = 0.25  # of a budget, that is left for what comes beside fitted members
-LONGEST_WAY = 5  # fits, one after another, from untouched frames to all
 JOINING_ROUNDS = 4  # in which families join others, at most
 SILENT_ALONE = ("ground-leak",)  # at one site, where the source is tied to nothing
 JOINING_SD = 0.1  # typical changes, that a family has which untouched frames do not show
@@ -204,11 +203,11 @@ def _linear_in_members(fitted: Fit) -> Fit:
 
 def _typical_derivatives(model: RecordingSimulator) -> dict[str, np.ndarray]:
     """(K, N, M) by family: derivatives by a typical change of each member of a simulator."""
-    members, derivatives = model.member_columns
+    coordinates, derivatives = model.member_columns
     columns: dict[str, list[np.ndarray]] = {}
     for candidate, place in model.family_slices:
         sd = model.calibrations[place.start].sd
-        family = derivatives[place.start - members[0] : place.stop - members[0]]
+        family = derivatives[place.start - coordinates[0] : place.stop - coordinates[0]]
         columns.setdefault(family_name(candidate), []).append(family / sd)
     return {name: np.concatenate(parts) for name, parts in columns.items()}
 
@@ -220,7 +219,7 @@ def _with_families(
 ) -> RecordingSimulator:
     """A simulator with families: by name the candidates, their sd, and what a typical change of
     each member does to the readings."""
-    pairs = [(candidate, sd) for members, sd in families.values() for candidate in members]
+    pairs = [(candidate, sd) for family, sd in families.values() for candidate in family]
     model = model.without_families().with_families(pairs)
     if not pairs:
         return model
@@ -279,9 +278,9 @@ def _polished(problem: Problem, effects: list[Candidate], start: np.ndarray) -> 
     """A fit at its optimum; where no skin is at its start, for members that made room for others
     are gone, it begins with all members at 0, or with the beliefs as they are."""
     count, member_count = len(problem.model.calibrations), problem.model.member_count
-    without_members = start.copy()
-    without_members[count - member_count : count] = 0.0
-    for begin in (start, without_members):
+    members_at_0 = start.copy()
+    members_at_0[count - member_count : count] = 0.0
+    for begin in (start, members_at_0):
         try:
             return fit(problem, effects, begin, polish=True)
         except InputError:

@@ -222,12 +222,12 @@ def _untouched_first(search: Search, recording: Recording, seed: int) -> Explana
     if by_names is not None and len(dense_names) <= MOST_DENSE_NAMES:
         return by_names
     size_of_all = search.problem.readings.size
-    is_small = members(search.candidates, size_of_all, MOST_TOUCHED_DERIVATIVES)
+    is_small = bool(members(search.candidates, size_of_all, MOST_TOUCHED_DERIVATIVES))
     if not is_small or is_unlike(calibrated_search, calibration):
         return by_names
-    roomy = replace(untouched, budget_share=untouched.budget_used * untouched.budget_share)
-    roomy = replace(roomy, budget_share=roomy.budget_share + UNTOUCHED_SHARE)
-    ended, calibration, best = run(_with_families(roomy))
+    used_share = untouched.budget_used * untouched.budget_share
+    with_families = _with_families(replace(untouched, budget_share=used_share + UNTOUCHED_SHARE))
+    ended, calibration, best = run(with_families)
     settled_search, best = settled(ended, best)
     _, _, after = with_members((settled_search, calibration, best))
     if not _explains(after):
