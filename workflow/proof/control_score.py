@@ -32,13 +32,12 @@ VISIBLE = 8.0  # SNR of a touch from which its frame is plain
 WHITE = tuple(f"white-{percent}" for percent in WHITE_PERCENT)
 FRAMES = ("single-frame", "averaged-frames")
 UNLABELLED = ("unlabelled-white", "unlabelled-alien")
-# Which component's common part is a quantity's: beginning of its name, its unit.
-COMPONENT = {
-    "common-place": ("place", "mm"),
-    "common-force-zero": ("force", "N"),
-    "common-force-factor": ("force", "1"),
-    "delay-force": ("", "s"),
-    "delay-pose": ("", "s"),
+COMPONENT = {  # of the rig's errors, whose common part a quantity is
+    "common-place": "place-per-press",
+    "common-force-zero": "force-zero-per-press",
+    "common-force-factor": "force-per-press",
+    "delay-force": "force-delay",
+    "delay-pose": "place-delay",
 }
 CONTROL = (
     *("kind", "seed", "generator", "level", "rig", "truth", "snr", "names", "certain", "other"),
@@ -76,17 +75,11 @@ def common_estimates(row: dict) -> list[Estimate]:
             estimates = [entry["parameters"][key] for key in true]
             ends = [(float(e["low"]), float(e["high"])) for e in estimates]
             return [(value, *end) for value, end in zip(true.values(), ends, strict=True)]
-    beginning, unit = COMPONENT[kind_of(row)]
-    shared = [
-        component
-        for component in said["noise"]["components"]
-        if "common" in component
-        and component["name"].startswith(beginning)
-        and component["unit"] == unit
-    ]
-    if not shared:
+    name = COMPONENT[kind_of(row)]
+    stated = [c for c in said["noise"]["components"] if c["name"] == name and "common" in c]
+    if not stated:
         return []
-    component = max(shared, key=lambda component: component["name"].endswith("-per-press"))
+    (component,) = stated
     low, high = (np.ravel(component["common"][end]).tolist() for end in ("low", "high"))
     values = [value - _nothing(row) for value in true.values()]
     return list(zip(values, low, high, strict=True))
@@ -116,11 +109,14 @@ def is_clear(row: dict) -> bool:
 
 
 def has_common_named(row: dict) -> bool:
-    """Whether an effect is the common part, by its name or an alternative."""
-    name = row.get("common", {}).get("name")
-    return not is_broken(row) and any(
-        name in (entry["name"], *entry["alternatives"]) for entry in row["said"]["effects"]
-    )
+    """Whether an effect is the common part, by its name or an alternative; where the catalogue has
+    no name for it, whether its interval is without nothing."""
+    if is_broken(row):
+        return False
+    name = row["common"]["name"]
+    if name is None:
+        return any(low > 0.0 or high < 0.0 for _, low, high in common_estimates(row))
+    return any(name in (entry["name"], *entry["alternatives"]) for entry in row["said"]["effects"])
 
 
 def held(rows: Rows) -> dict:

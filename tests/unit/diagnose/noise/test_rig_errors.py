@@ -91,7 +91,7 @@ def made(names=tuple(SIZES), seed=0, correlation=0.0, lost=0.1, assumed=()):
     plain = Whitening(mask, sd, np.zeros(CHANNELS), spectrum)
     columns = {name: np.where(mask, columns[name], 0.0) for name in names}
     prior_sds = {name: COMPONENTS[name].prior_sd for name in names}
-    displacements = {"place-per-press": [("x_mm", np.ones(FRAMES)), ("y_mm", np.ones(FRAMES))]}
+    displacements = {"place-per-press": [{"x_mm": np.ones(FRAMES)}, {"y_mm": np.ones(FRAMES)}]}
     derivatives = {"x_mm": place[0], "y_mm": place[1]}
     return RigErrors(
         plain, columns, prior_sds, derivatives, displacements, label, frozenset(assumed)
@@ -469,7 +469,7 @@ def test_intervals_are_those_of_the_contract():
     (quadrature,) = component_intervals(rig, {"quadrature": drawn_sd}, "V")
     assert np.isclose(quadrature["sd"], 0.02, rtol=0.01)
     known = {n for n, one in COMPONENTS.items() if not one.discrepancy} | {"correlated-noise"}
-    assert known == set(rig_words.SENTENCES)
+    assert known == set(rig_words.SENTENCES) | set(rig_words.COMMON_SENTENCES)
 
 
 def test_a_correlation_is_as_sure_as_the_values_it_was_found_from():
@@ -489,9 +489,9 @@ def test_a_correlation_is_as_sure_as_the_values_it_was_found_from():
 def test_touches_stray_by_all_that_moves_them():
     rig = made(["place-per-press", "common-noise"])
     displacements = {
-        "place-per-frame": [("x_mm", np.ones(FRAMES)), ("y_mm", np.ones(FRAMES))],
-        "place-per-press": [("x_mm", np.full(FRAMES, 2.0)), ("y_mm", np.zeros(FRAMES))],
-        "force-zero-walk": [("force_N", wave) for wave in walk_waves(FRAMES, 6)],
+        "place-per-frame": [{"x_mm": np.ones(FRAMES)}, {"y_mm": np.ones(FRAMES)}],
+        "place-per-press": [{"x_mm": np.full(FRAMES, 2.0), "y_mm": np.zeros(FRAMES)}],
+        "force-zero-walk": [{"force_N": wave} for wave in walk_waves(FRAMES, 6)],
     }
     derivatives = {**rig.derivatives, "force_N": np.ones((FRAMES, CHANNELS))}
     rig = replace(rig, displacements=displacements, derivatives=derivatives)
@@ -657,6 +657,7 @@ def test_columns_about_a_fit_are_what_one_unit_does(small):
 def test_components_are_those_that_a_recording_can_have(small):
     problem, fitted = small
     touches = {name for name in COMPONENTS if name.startswith(("place", "force"))}
+    touches -= {"place-delay"}  # no touch slides
     always = {"amplitude-per-frame", "common-noise", "gain-walk", "gain-flicker", "channel-drift"}
     rig = linearised_rig_errors(fitted, problem.whitening, 0.0)
     assert set(rig.columns) == always | touches | {"static-discrepancy", "touch-discrepancy"}
@@ -664,13 +665,9 @@ def test_components_are_those_that_a_recording_can_have(small):
     assert set(rounded.columns) == set(rig.columns) | {"quantisation"}
     few, _ = problem_of(small_recording(places=2))
     found = linearised_rig_errors(calibrated(few), few.whitening, 0.0)
-    assert set(found.columns) == set(rig.columns) and rig.assumed == frozenset()
-    assert found.assumed == {
-        "place-per-press",
-        "force-per-press",
-        "force-zero-per-press",
-        "force-zero-walk",
-    }
+    assert set(found.columns) == set(rig.columns) and rig.assumed == {"force-delay"}
+    of_frames = {"place-per-frame", "force-per-frame"}
+    assert found.assumed == touches - of_frames
     recorded = small_recording(places=4)
     touched = recorded.frames["touch"].to_numpy(bool)
     frames = recorded.frames[~touched].reset_index(drop=True)
@@ -709,9 +706,8 @@ def test_an_error_of_the_rig_is_one_class(small, monkeypatch):
     reported = {entry["name"]: entry for entry in component_intervals(rig, error_sds, "V")}
     entry = reported["alternating-hum"]
     assert entry["unit"] == "V" and entry["low"] < true < entry["high"] and entry["learned"]
-    assert rig_words.component_sentence(entry).startswith(
-        "The rig has an error called alternating-hum, of"
-    )
+    (sentence,) = rig_words.component_sentences(entry)
+    assert sentence.startswith("The rig has an error called alternating-hum, of")
 
 
 def test_touches_without_force_have_no_errors_of_it():

@@ -214,6 +214,15 @@ def test_what_something_without_a_name_might_tell_from_another_is_a_candidate(fo
         assert (REMAINDER in judged) == (probability >= NOTHING_UNNAMED.threshold)
 
 
+def test_a_name_at_whose_site_something_is_left_is_a_candidate(found):
+    effect = found.explanation.effects[0]
+    (site,) = effect.site_indices
+    for sites, certain in (([int(site)], False), ([int(site) + 1], True), ([], True)):
+        left = replace(found.remainder, probability=0.9, snr=0.0, **{effect.kind: sites})
+        (entry,) = conclusion.document(replace(found, remainder=left), "skin")["effects"]
+        assert entry["certain"] == certain
+
+
 def test_a_row_without_evidence_is_no_sentence_on_what_is_left(found):
     evidence_free = "No evidence that drive 0 → 1 differs from the simulation in every frame."
     rows = (evidence_free, NO_PATTERN, 0.1), ("Drive 3 differs.", "Drive 3 differs.", 0.01)

@@ -36,7 +36,10 @@ def linearisation(fit: Fit, converter_step: float) -> Linearisation:
         derivatives=touch_derivatives(fit, voltage),
         touched=touched,
         press=np.where(touched, model.press, -1),
-        force_N=model.states["force_N"].to_numpy(float),
+        states={
+            column: model.states[column].to_numpy(float) for column in ("x_mm", "y_mm", "force_N")
+        },
+        time_s=model.states["time_s"].to_numpy(float),
         elapsed=elapsed(model.states),
         difference=model.difference,
         magnitude=model.magnitude,

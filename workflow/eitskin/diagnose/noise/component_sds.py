@@ -109,6 +109,17 @@ def component_intervals(
     return intervals
 
 
+def greatest_sd(rig_errors: RigErrors, error_sds: Mapping[str, float], name: str) -> float:
+    """The end of the 90 % interval of a component's sd where its estimate is 0, in its unit: of its
+    variance, as if normal about 0, by the expected information; 0 where fits do not reckon with
+    it."""
+    if not COMPONENTS[name].in_covariance:
+        return 0.0
+    whitening = rig_errors.whitening(error_sds, restricted=True)
+    information = float(Scoring(rig_errors, whitening, [name]).information[0, 0])
+    return float(np.sqrt(NORMAL_90 / np.sqrt(information)))
+
+
 def _interval(name: str, unit: str, values: tuple[float, ...], learned: bool = True) -> dict:
     """An entry of diagnosis.json; values: sd, low, high."""
     numbers = dict(zip(("sd", "low", "high"), map(float, values), strict=True))

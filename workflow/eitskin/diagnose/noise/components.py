@@ -19,6 +19,7 @@ FAST_WAVES = 12  # cosine waves of what a gain does: the rest hold 1.6 % of a ra
 SLOW_WAVES = 6  # of a channel's drift or of a force's zero, which are slower: 3.1 %
 LEAST_FRAMES = 6  # fewer hardly show a scatter: its logarithm would be uncertain by a third
 LEAST_PRESSES = 3  # likewise; two scatter about their mean by one degree of freedom
+LEAST_SLIDE_MM = 1.0  # between the mean places of a press's halves: less is a touch that stays
 # Quadrature adds its square, whose tail is exponential: channels are compared under a normal error
 # that is as many times as wide.
 QUADRATURE_TAIL = 2.5
@@ -38,7 +39,7 @@ class NoiseComponent(ABC):
     every_frame: the component that moves readings alike, independently from frame to frame; "" for
     none. alike: which of the K errors, if all that it acts on have it alike, a calibration or an
     effect can do as well; their size tells nothing of the sd. largest: times the prior's sd, that
-    the sd may be: more is no ordinary rig.
+    the sd may be: more is no ordinary rig. in_covariance: whether fits reckon with it.
     """
 
     name: ClassVar[str]
@@ -53,6 +54,7 @@ class NoiseComponent(ABC):
     every_frame: ClassVar[str] = ""
     alike: ClassVar[slice] = slice(0)
     largest: ClassVar[float] = 3.0
+    in_covariance: ClassVar[bool] = True
 
     def affected_frames(self, linearisation: Linearisation) -> np.ndarray:
         """(N,) bool: frames that the error acts on; all."""
@@ -90,15 +92,19 @@ class NoiseComponent(ABC):
 
 
 class TouchComponent(NoiseComponent):
-    """An error of the stated place or force of touches, from frame to frame."""
+    """An error of the stated place or force of touches, from frame to frame.
+
+    has_common_part: whether its mean over all presses is a number of its own that is reported.
+    """
 
     acts_on = "frame"
     least_frames = LEAST_FRAMES
+    has_common_part: ClassVar[bool] = False
 
     @abstractmethod
-    def displacements(self, linearisation: Linearisation) -> list[tuple[str, np.ndarray]]:
-        """K pairs: a column of the states, and by how much of it (N,) the touches are displaced by
-        one unit of one error."""
+    def displacements(self, linearisation: Linearisation) -> list[dict[str, np.ndarray]]:
+        """By how much one unit of each of K errors displaces the touches (N,), by column of the
+        states."""
 
     def affected_frames(self, linearisation: Linearisation) -> np.ndarray:
         """(N,) bool: touched frames."""
@@ -106,23 +112,23 @@ class TouchComponent(NoiseComponent):
 
     def is_present(self, linearisation: Linearisation) -> bool:
         """Whether touches show the error, and the physics has derivatives by what it displaces."""
-        columns = {column for column, _ in self.displacements(linearisation)}
+        columns = {column for error in self.displacements(linearisation) for column in error}
         return super().is_present(linearisation) and columns <= set(linearisation.derivatives)
 
     def basis(self, linearisation: Linearisation) -> np.ndarray:
         """(K, N, M): displacements times the derivatives of the readings."""
-        derivatives = linearisation.derivatives
-        return np.array(
-            [
-                displacement[:, None] * derivatives[column]
-                for column, displacement in self.displacements(linearisation)
-            ]
-        )
+        errors = self.displacements(linearisation)
+        basis = np.zeros((len(errors), *linearisation.voltage.shape))
+        for response, error in zip(basis, errors, strict=True):
+            for column, displacement in error.items():
+                response += displacement[:, None] * linearisation.derivatives[column]
+        return basis
 
 
 class PressTouchComponent(TouchComponent):
     """An error that lasts for a press, or longer."""
 
+    has_common_part = True
     acts_on = "press"
     least_frames = 1
     least_presses = LEAST_PRESSES
@@ -325,10 +331,9 @@ class PlacePerFrame(TouchComponent):
     name, unit, prior_sd = "place-per-frame", "mm", 1.0
     every_frame = name
 
-    def displacements(self, linearisation: Linearisation) -> list[tuple[str, np.ndarray]]:
+    def displacements(self, linearisation: Linearisation) -> list[dict[str, np.ndarray]]:
         """Of every touch, along x and along y."""
-        touched = linearisation.touched.astype(float)
-        return [("x_mm", touched), ("y_mm", touched)]
+        return _of_places(linearisation.touched.astype(float))
 
 
 @component
@@ -338,9 +343,9 @@ class ForcePerFrame(TouchComponent):
     name, unit, prior_sd = "force-per-frame", "N", 0.1
     every_frame = name
 
-    def displacements(self, linearisation: Linearisation) -> list[tuple[str, np.ndarray]]:
+    def displacements(self, linearisation: Linearisation) -> list[dict[str, np.ndarray]]:
         """Of every touch's force."""
-        return [("force_N", linearisation.touched.astype(float))]
+        return [{"force_N": linearisation.touched.astype(float)}]
 
 
 @component
@@ -358,10 +363,9 @@ class ForcePerPress(PressTouchComponent):
     name, unit, prior_sd = "force-per-press", "1", 0.1
     every_frame = ForcePerFrame.name
 
-    def displacements(self, linearisation: Linearisation) -> list[tuple[str, np.ndarray]]:
+    def displacements(self, linearisation: Linearisation) -> list[dict[str, np.ndarray]]:
         """Of every touch's force, in proportion to it."""
-        load = np.where(linearisation.touched, linearisation.force_N, 0.0)
-        return [("force_N", linearisation.touched.astype(float) * load)]
+        return [{"force_N": _load(linearisation)}]
 
 
 @component
@@ -372,19 +376,140 @@ class ForceZeroPerPress(PressTouchComponent, ForcePerFrame):
     every_frame = ForcePerFrame.name
 
 
-@component
-class ForceZeroWalk(PressTouchComponent):
-    """The load cell's zero walks; its sd is that at the end of a walk as long."""
+class WalkingTouchComponent(PressTouchComponent):
+    """An error that walks from press to press; its sd is that at the end of a walk as long."""
 
-    name, unit, prior_sd, acts_on = "force-zero-walk", "N", 0.2, "whole"
+    acts_on = "whole"
+    has_common_part = False  # its mean is that of the error of the presses
+
+    def waves(self, linearisation: Linearisation) -> np.ndarray:
+        """(1 + SLOW_WAVES, N): of a random walk, in touched frames."""
+        return random_walk_waves(linearisation.elapsed, SLOW_WAVES) * linearisation.touched
+
+
+@component
+class PlaceWalk(WalkingTouchComponent):
+    """The robot's place walks: arms warm up, belts slip."""
+
+    name, unit, prior_sd = "place-walk", "mm", 1.0
+    every_frame = PlacePerFrame.name
+    alike = slice(2)
+
+    def displacements(self, linearisation: Linearisation) -> list[dict[str, np.ndarray]]:
+        """Of every touch, along x and along y, by waves of a random walk."""
+        return [error for wave in self.waves(linearisation) for error in _of_places(wave)]
+
+
+@component
+class ForceWalk(WalkingTouchComponent):
+    """The load cell's factor walks."""
+
+    name, unit, prior_sd = "force-walk", "1", 0.1
     every_frame = ForcePerFrame.name
     alike = slice(1)
 
-    def displacements(self, linearisation: Linearisation) -> list[tuple[str, np.ndarray]]:
+    def displacements(self, linearisation: Linearisation) -> list[dict[str, np.ndarray]]:
+        """Of every touch's force, in proportion to it, by waves of a random walk."""
+        return [{"force_N": wave * _load(linearisation)} for wave in self.waves(linearisation)]
+
+
+@component
+class ForceZeroWalk(WalkingTouchComponent):
+    """The load cell's zero walks."""
+
+    name, unit, prior_sd = "force-zero-walk", "N", 0.2
+    every_frame = ForcePerFrame.name
+    alike = slice(1)
+
+    def displacements(self, linearisation: Linearisation) -> list[dict[str, np.ndarray]]:
         """Of every touch's force, by waves of a random walk."""
-        waves = random_walk_waves(linearisation.elapsed, SLOW_WAVES)
-        touched = linearisation.touched.astype(float)
-        return [("force_N", wave * touched) for wave in waves]
+        return [{"force_N": wave} for wave in self.waves(linearisation)]
+
+
+class CreepingTouchComponent(PressTouchComponent):
+    """An error that grows from frame to frame of each press, from nothing; its sd is that at a
+    press's last frame."""
+
+    has_common_part = False
+    alike = slice(0)
+
+    def is_present(self, linearisation: Linearisation) -> bool:
+        """Whether presses last for frames enough."""
+        count = linearisation.touched.sum() - linearisation.press_count
+        return bool(count >= LEAST_FRAMES) and super().is_present(linearisation)
+
+
+@component
+class PlaceCreep(CreepingTouchComponent):
+    """The probe creeps away under load."""
+
+    name, unit, prior_sd = "place-creep", "mm", 1.0
+    every_frame = PlacePerFrame.name
+
+    def displacements(self, linearisation: Linearisation) -> list[dict[str, np.ndarray]]:
+        """Of every touch, along x and along y."""
+        return _of_places(linearisation.press_share)
+
+
+@component
+class ForceZeroCreep(CreepingTouchComponent):
+    """The load cell creeps under load."""
+
+    name, unit, prior_sd = "force-zero-creep", "N", 0.2
+    every_frame = ForcePerFrame.name
+    alike = slice(None)  # a gel that gives way
+
+    def displacements(self, linearisation: Linearisation) -> list[dict[str, np.ndarray]]:
+        """Of every touch's force."""
+        return [{"force_N": linearisation.press_share}]
+
+
+class DelayComponent(PressTouchComponent):
+    """A state is reported that was there so long ago, in all presses."""
+
+    unit, prior_sd, acts_on = "s", 0.1, "whole"
+
+    def is_identifiable(self, linearisation: Linearisation) -> bool:
+        """Never: one number has no sd."""
+        return False
+
+
+@component
+class PlaceDelay(DelayComponent):
+    """The robot's pose is late, which shows where touches slide."""
+
+    name = "place-delay"
+
+    def is_present(self, linearisation: Linearisation) -> bool:
+        """Whether some touch slides."""
+        return linearisation.slide_mm >= LEAST_SLIDE_MM and super().is_present(linearisation)
+
+    def displacements(self, linearisation: Linearisation) -> list[dict[str, np.ndarray]]:
+        """Of every touch, by its velocity."""
+        return [{column: linearisation.rate[column] for column in ("x_mm", "y_mm")}]
+
+
+@component
+class ForceDelay(DelayComponent):
+    """The load cell is late. The effect force-lag is it: where that is not named, its size is
+    reported."""
+
+    name = "force-delay"
+    in_covariance = False
+
+    def displacements(self, linearisation: Linearisation) -> list[dict[str, np.ndarray]]:
+        """Of every touch's force, by its rate."""
+        return [{"force_N": linearisation.rate["force_N"]}]
+
+
+def _of_places(displacement: np.ndarray) -> list[dict[str, np.ndarray]]:
+    """Displacements (N,) along x and along y, an error each."""
+    return [{"x_mm": displacement}, {"y_mm": displacement}]
+
+
+def _load(linearisation: Linearisation) -> np.ndarray:
+    """(N,): force on the skin, 0 where nobody touches."""
+    return np.where(linearisation.touched, linearisation.force_N, 0.0)
 
 
 def random_walk_waves(elapsed: np.ndarray, count: int) -> np.ndarray:

@@ -16,8 +16,9 @@ class Linearisation:
     voltage (N, M): readings of a fit, in the recording's unit. derivatives: of these (N, M) by the
     place and the force of each frame's touch, by column of the states (x_mm, y_mm, force_N); a
     column by which the physics has no derivative is missing. touched (N,): frames with a touch of
-    known place and force. press (N,): the press that such a frame is of, -1 for no press. force_N
-    (N,): of every frame's touch. elapsed (N,): share of the recording's time that has gone.
+    known place and force. press (N,): the press that such a frame is of, -1 for no press. states:
+    place and force (N,) of every frame's touch, by those columns; time_s (N,). elapsed (N,): share
+    of the recording's time that has gone.
     difference, magnitude: whether readings are differences from a baseline, or magnitudes.
     typical_reading: median |v| of the recording, or its noise where that is larger. converter_step:
     width of a converter's step that is wider than the noise, else 0. number (N,): of the frames.
@@ -29,7 +30,8 @@ class Linearisation:
     derivatives: Mapping[str, np.ndarray]
     touched: np.ndarray
     press: np.ndarray
-    force_N: np.ndarray
+    states: Mapping[str, np.ndarray]
+    time_s: np.ndarray
     elapsed: np.ndarray
     difference: bool
     magnitude: bool
@@ -53,3 +55,46 @@ class Linearisation:
     def press_count(self) -> int:
         """Number of presses that some frame is of."""
         return len(np.unique(self.press[self.press >= 0]))
+
+    @property
+    def force_N(self) -> np.ndarray:
+        """(N,): of every frame's touch."""
+        return self.states["force_N"]
+
+    @cached_property
+    def _press_rows(self) -> list[np.ndarray]:
+        """Rows of each press of two frames or more, in their order."""
+        numbers = np.unique(self.press[self.press >= 0])
+        rows = [np.flatnonzero(self.press == number) for number in numbers]
+        return [row for row in rows if len(row) > 1]
+
+    @cached_property
+    def press_share(self) -> np.ndarray:
+        """(N,): share of a press's frames that have gone; 0 where no press is."""
+        shares = np.zeros(len(self.press))
+        for rows in self._press_rows:
+            shares[rows] = np.linspace(0.0, 1.0, len(rows))
+        return shares
+
+    @cached_property
+    def rate(self) -> dict[str, np.ndarray]:
+        """(N,): change a second of each column of the states within presses, by central
+        differences; 0 where no press is."""
+        rates = {column: np.zeros(len(self.press)) for column in self.states}
+        for rows in self._press_rows:
+            time_s = self.time_s[rows]
+            if (np.diff(time_s) > 0.0).all():
+                for column, values in self.states.items():
+                    rates[column][rows] = np.gradient(values[rows], time_s)
+        return rates
+
+    @cached_property
+    def slide_mm(self) -> float:
+        """The largest distance between the mean places of a press's halves; 0 without presses."""
+        places = np.array([self.states["x_mm"], self.states["y_mm"]])
+        halves = [np.array_split(rows, 2) for rows in self._press_rows]
+        ways = [
+            np.linalg.norm(places[:, late].mean(axis=1) - places[:, early].mean(axis=1))
+            for early, late in halves
+        ]
+        return float(max(ways, default=0.0))

@@ -28,8 +28,8 @@ class RigErrors:
     noise_whitening: the covariance without them. columns (K, N, M): what one unit of each of K
     independent errors does, by component. prior_sds: of the components' sds, in their units.
     derivatives (N, M): of the readings by the touches, as in `Linearisation`. displacements: of the
-    components of touches, for each of the K the column of the states and the displacement (N,) by
-    one unit. press (N,): the press that a frame is of, -1 for none. assumed: components whose sd
+    components of touches, for each of the K the displacements (N,) by one unit, by column of the
+    states. press (N,): the press that a frame is of, -1 for none. assumed: components whose sd
     the recording does not show; they have that of the prior.
     """
 
@@ -37,7 +37,7 @@ class RigErrors:
     columns: dict[str, np.ndarray]
     prior_sds: dict[str, float]
     derivatives: Mapping[str, np.ndarray]
-    displacements: dict[str, list[tuple[str, np.ndarray]]]
+    displacements: dict[str, list[dict[str, np.ndarray]]]
     press: np.ndarray
     assumed: frozenset[str]
     _whitenings: WeakValueDictionary = field(
@@ -168,15 +168,22 @@ class RigErrors:
         return self.noise_whitening.with_errors(errors)
 
     @property
+    def press_count(self) -> int:
+        """Number of presses."""
+        return len(np.unique(self.press[self.press >= 0]))
+
+    @property
     def learned(self) -> list[str]:
         """Components whose sds are learned."""
         return [name for name in self.columns if name not in self.assumed]
 
     def initial_sds(self, start_sds: Mapping[str, float]) -> dict[str, float]:
-        """The sd of every component: that of a start, else 0; the prior's where it is assumed."""
+        """The sd of every component: that of a start, else 0; the prior's where it is assumed, 0
+        where fits do not reckon with it."""
         return {
             name: self.prior_sds[name] if name in self.assumed else float(start_sds.get(name, 0.0))
             for name in self.columns
+            if COMPONENTS[name].in_covariance
         }
 
     def log_prior(self, error_sds: Mapping[str, float]) -> float:
@@ -201,9 +208,10 @@ class RigErrors:
     def displacement_sds(self, error_sds: Mapping[str, float]) -> dict[str, np.ndarray]:
         """Sd (N,) by which touches are displaced, in mm and N, by column of the states."""
         variances = {column: np.zeros(len(self.press)) for column in self.derivatives}
-        for name, displacements in self.displacements.items():
-            for column, displacement in displacements:
-                variances[column] += (error_sds.get(name, 0.0) * displacement) ** 2
+        for name, errors in self.displacements.items():
+            for error in errors:
+                for column, displacement in error.items():
+                    variances[column] += (error_sds.get(name, 0.0) * displacement) ** 2
         return {column: np.sqrt(variance) for column, variance in variances.items()}
 
     def free_in_frames(self, error_sds: Mapping[str, float]) -> dict[str, float]:

@@ -124,6 +124,7 @@ def rig(evidence: Evidence) -> str:
             "the recording" if component["learned"] else "assumed",
         ]
         for component in noise_entry["components"]
+        if component["sd"] > 0.0
     ]
     caption = "Part of the noise that the recording is held against, not of what is missing."
     return "\n".join([*lines, table(["error", "size", "from"], rows, caption=caption)])

@@ -586,6 +586,16 @@ REMAINDER = Gate(
     "effects beside a likely remainder",
     "what has no name exceeds the gap to the nearest other name by as much: {value}",
 )
+ELSEWHERE = Gate(
+    "elsewhere",
+    "sites at which both the effect and what has no name are",
+    0,
+    "at most",
+    "certainty",
+    "what is left at a site may be what its value stands for",
+    "effects beside a likely remainder",
+    "what has no name is at {value} of its sites",
+)
 NOTHING_UNNAMED = Gate(
     "nothing-unnamed",
     "probability that something outside the catalogue is present",

@@ -15,6 +15,7 @@ from eitskin.diagnose.search.gates import (
     ACCEPTABLE,
     CULPRIT,
     DISTINCT,
+    ELSEWHERE,
     NOTHING_UNNAMED,
     REMAINDER,
     SIZE_INTERVAL,
@@ -54,7 +55,7 @@ def certainty(diagnosis: Diagnosis, index: int) -> list[list[Judgement]]:
     of its family; the calibrations
     and every other name are told apart from it; its size is not none; the fit is acceptable, or
     what it leaves does not touch the effect; and the remainder, where there probably is one, could
-    not tell it from another name.
+    not tell it from another name and is at none of its sites.
     """
     gaps, remainder = diagnosis.gaps[index], diagnosis.remainder
     gain, error = least_gain(diagnosis, index)
@@ -76,7 +77,22 @@ def certainty(diagnosis: Diagnosis, index: int) -> list[list[Judgement]]:
     if not NOTHING_UNNAMED.admits(remainder.probability):
         apart = min((g.gap for g in gaps if DISTINCT.admits(g.gap)), default=np.inf)
         items.append([Judgement(REMAINDER, apart - remainder.snr)])
+        items.append([Judgement(ELSEWHERE, _shared_sites(diagnosis, index))])
     return items
+
+
+def _shared_sites(diagnosis: Diagnosis, index: int) -> float:
+    """Number of the sites of effect `index` at which the remainder is; of an effect without sites
+    none."""
+    effect, remainder = diagnosis.explanation.effects[index], diagnosis.remainder
+    left_at = {
+        "electrodes": remainder.electrodes,
+        "drives": remainder.drives,
+        "measures": remainder.measures,
+    }
+    if effect.scope == "common" or effect.kind not in left_at:
+        return 0.0
+    return float(len({int(site) for site in effect.site_indices} & set(left_at[effect.kind])))
 
 
 def held_out_p(diagnosis: Diagnosis) -> float:

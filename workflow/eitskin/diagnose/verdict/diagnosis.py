@@ -20,7 +20,7 @@ from eitskin.diagnose.search.prediction import is_unlike, likeness, named_predic
 from eitskin.diagnose.search.refits import named_fit
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.verdict.atlas import atlas
-from eitskin.diagnose.verdict.common_parts import common_parts
+from eitskin.diagnose.verdict.common_parts import with_common_parts
 from eitskin.diagnose.verdict.gaps import Gap, gaps, strengths
 from eitskin.diagnose.verdict.passing import discovered, without_passing
 from eitskin.diagnose.verdict.remainder import Remainder, remainder, unlike_remainder
@@ -155,8 +155,12 @@ def assess(data: Data, outcome: Outcome, was_cut_short: bool) -> Diagnosis:
         lasting_atlas = data.residual_atlas(explanation, named, residual_atlas)
         lasting = _remainder(search, explanation, lasting_atlas)
         unnamed = lasting if NOTHING_UNNAMED.admits(lasting.probability) else unnamed
-    parts = common_parts(explanation.fit, rig)
-    components = component_intervals(rig, explanation.error_sds, unit, data.noise)
+    components = with_common_parts(
+        component_intervals(rig, explanation.error_sds, unit, data.noise),
+        explanation.fit,
+        rig,
+        explanation.error_sds,
+    )
     return Diagnosis(
         recording=data.recording,
         search=search,
@@ -165,12 +169,7 @@ def assess(data: Data, outcome: Outcome, was_cut_short: bool) -> Diagnosis:
         explanation=explanation,
         noise_problem=data.noise_problem,
         reserve_mask=data.reserve_mask,
-        rig_errors=[
-            {**component, "common": parts[component["name"]]}
-            if component["name"] in parts
-            else component
-            for component in components
-        ],
+        rig_errors=components,
         baseline_atlas=data.residual_atlas(baseline, data.named_fit(baseline)),
         atlas=residual_atlas,
         named_fit=named,

@@ -1,5 +1,7 @@
 """The rig in words: what a recording shows of its noise, its robot and its load cell."""
 
+import numpy as np
+
 from eitskin.diagnose.verdict.words import UNITS
 from eitskin.quantities import interval, listed, quantity
 
@@ -25,24 +27,61 @@ SENTENCES = {  # on a component; its size as {size}, or as {size:%} of the whole
     "force-per-press": "The load cell's forces are good to {size:%}, press by press.",
     "force-zero-per-press": "The load cell's zero is good to {size}, press by press.",
     "force-zero-walk": "The load cell's zero wanders over the recording, typically by {size}.",
+    "place-walk": "The robot's place wanders over the recording, typically by {size}.",
+    "force-walk": "The load cell's factor wanders over the recording, typically by {size:%}.",
+    "place-creep": "The probe creeps away by {size} in a press.",
+    "force-zero-creep": "The load cell creeps by {size} in a press.",
+}
+COMMON_SENTENCES = {  # on what all presses share, with its interval; of places by axis
+    "place-per-press": "All touches are {x} along x and {y} along y from their reported places.",
+    "force-per-press": "All forces are {size:%} larger than reported.",
+    "force-zero-per-press": "All forces are {size} larger than reported.",
+    "place-delay": "All poses are {size} late.",
+    "force-delay": "All forces are {size} late.",
 }
 UNKNOWN = "The rig has an error called {name}, of {size}."
 ASSUMED = "; this is assumed, for the recording has nothing that shows it."
 
 
-def component_sentence(component: dict) -> str:
-    """A component of `noise` in diagnosis.json in a sentence: its size with its 90 % interval, or
-    that its size is assumed."""
-    text = SENTENCES.get(component["name"], UNKNOWN.replace("{name}", component["name"]))
-    size = size_text(component)
-    text = text.replace(PER_CENT, size).replace(PLAIN, size)
-    return text if component["learned"] else f"{text.removesuffix('.')}{ASSUMED}"
+def component_sentences(component: dict) -> list[str]:
+    """A component of `noise` in diagnosis.json in sentences: its size with its 90 % interval, or
+    that its size is assumed; what all presses share of it, where that is not nothing."""
+    sentences = []
+    if component["sd"] > 0.0 and component["unit"] != "s":
+        text = SENTENCES.get(component["name"], UNKNOWN.replace("{name}", component["name"]))
+        size = size_text(component)
+        text = text.replace(PER_CENT, size).replace(PLAIN, size)
+        sentences.append(text if component["learned"] else f"{text.removesuffix('.')}{ASSUMED}")
+    common = component.get("common")
+    if common and component["name"] in COMMON_SENTENCES and _is_something(common):
+        sentences.append(_common_sentence(component))
+    return sentences
+
+
+def _is_something(common: dict) -> bool:
+    """Whether an interval, or that along one axis, is without 0."""
+    low, high = np.ravel(common["low"]), np.ravel(common["high"])
+    return bool(((low > 0.0) | (high < 0.0)).any())
+
+
+def _common_sentence(component: dict) -> str:
+    """What all presses share of a component, with its 90 % interval."""
+    text = COMMON_SENTENCES[component["name"]]
+    factor, unit = (100.0, "%") if PER_CENT in text else (1.0, component["unit"])
+    ends = [factor * np.ravel(component["common"][key]) for key in ("value", "low", "high")]
+    sizes = [
+        interval(float(value), float(low), float(high), unit)
+        for value, low, high in zip(*ends, strict=True)
+    ]
+    if len(sizes) == 1:
+        return text.replace(PER_CENT, sizes[0]).replace(PLAIN, sizes[0])
+    return text.format(x=sizes[0], y=sizes[1])
 
 
 def noise_sentences(noise: dict) -> list[str]:
     """`noise` of diagnosis.json, a sentence each: components, loud frames, spikes, jumps, and what
     changes with time or in one press without a name."""
-    sentences = [component_sentence(component) for component in noise["components"]]
+    sentences = [s for component in noise["components"] for s in component_sentences(component)]
     loud, spikes, jumps = (noise.get(key) for key in ("loud_frames", "spikes", "jumps"))
     if loud:
         are, were = ("is", "was") if len(loud) == 1 else ("are", "were")
