@@ -9,9 +9,9 @@ from eitskin.data.recording import Recording
 from eitskin.diagnose.fitting import readings
 from eitskin.diagnose.fitting.held_out import folds
 from eitskin.diagnose.noise.noise_model import NoiseModel
-from eitskin.diagnose.search import far_starts, proposals, refits
+from eitskin.diagnose.search import far_starts, growth, proposals, refits
 from eitskin.diagnose.search.catalogue import Conditions, catalogue
-from eitskin.diagnose.search.gates import DISTINCT
+from eitskin.diagnose.search.gates import DISTINCT, EVIDENCE
 from eitskin.diagnose.search.journal import Refusal
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.verdict.gaps import gaps
@@ -50,7 +50,9 @@ def search_of(recorded: Recording) -> Search:
     return Search(problem, every, fold, seed=1, report=lambda line: None, learns_rig=True)
 
 
-def test_a_body_is_fitted_from_the_nearest_of_its_starts():
+def test_a_body_is_fitted_from_the_nearest_of_its_starts_and_comes_first():
+    """By the gates of evidence and chance, before any other name is tried: others take what the
+    depth does."""
     body = {"name": "third-dimension"}
     search = search_of(untouched(body, skin=TANK, thickness_mm=None, electrode_height_mm=None))
     assert search.problem.model.coarse and search.folds.ndim == 2
@@ -63,6 +65,11 @@ def test_a_body_is_fitted_from_the_nearest_of_its_starts():
     found = refits.with_effect(search, sheet, first)
     assert found.log_evidence > sheet.log_evidence + 15
     assert found.fit.chi2 < 1.2 * search.problem.whitening.size
+    # No trial beside a coarse body counts as one whose touches were followed.
+    assert found.fit.problem.model is search.problem.model
+    foremost = growth._as_body(search, sheet)
+    assert foremost is not None and foremost.effects == [first]
+    assert foremost.p_values.keys() == {first.key}
 
 
 def test_where_a_sheet_is_right_no_body_is_worth_its_name():
@@ -74,6 +81,9 @@ def test_where_a_sheet_is_right_no_body_is_worth_its_name():
     assert tried
     bodies = [trial for trial in tried if not isinstance(trial, Refusal)]
     assert all(body.log_evidence < sheet.log_evidence + 1 for body in bodies)
+    assert growth._as_body(search, sheet) is None
+    refused = [d for d in search.journal.decisions if not EVIDENCE.admits(d.value)]
+    assert EVIDENCE.name in {d.gate for d in refused}
 
 
 def test_a_touched_skin_of_unknown_height_has_no_body_among_its_candidates():

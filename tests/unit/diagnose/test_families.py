@@ -1,19 +1,26 @@
 """What is a little wrong at every site: sizes, members, culprits and objects beside them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from eitskin.data.subset import of_frames
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.fitting.family_sizes import FamilySizes
+from eitskin.diagnose.fitting.fit import fit
 from eitskin.diagnose.fitting.query import predict
 from eitskin.diagnose.noise.single_frame import beside_gains
+from eitskin.diagnose.search import families, staging
 from eitskin.diagnose.verdict import corrected
 from eitskin.diagnose.verdict.conclusion import document
+from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
 from eitskin.physics.solver import forward_model
+from small_skin import small_recording
 from witness.dense import draw
 
 
@@ -142,3 +149,21 @@ def test_the_witness_of_dense_recordings_is_the_same_bit_for_bit():
     assert len(first.culprits) == 2
     for culprit in first.culprits:
         assert first.families[culprit["name"]][culprit["site"]] == culprit["value"]
+
+
+def test_a_fit_begins_elsewhere_where_electrodes_would_overlap():
+    """Members that made room for others may be gone: no skin is at such a start."""
+    recorded = small_recording(places=1)
+    still = of_frames(recorded, ~recorded.frames["touch"].to_numpy(bool))
+    _, search, _ = staging.prepared(still, 1)
+    places = search.problem.families["electrode-position"]
+    model = search.problem.model.with_families([(member, 1.0) for member in places])
+    problem = replace(search.problem, model=model)
+    begin = np.zeros(len(model.calibrations))
+    shift_deg = np.array([20.0, -20.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # of a pitch of 45
+    overlapping = begin.copy()
+    overlapping[-model.member_count :] = places[0].coordinates({"shift_deg": shift_deg})
+    with pytest.raises(InputError, match="overlap"):
+        fit(problem, [], overlapping, polish=True)
+    fitted = families._polished(problem, [], overlapping)
+    assert np.array_equal(fitted.theta, fit(problem, [], begin, polish=True).theta)

@@ -6,6 +6,7 @@ import pytest
 
 from eitskin.data.subset import of_frames
 from eitskin.diagnose import diagnosis
+from eitskin.diagnose.fitting import families
 from eitskin.diagnose.fitting.fit import fit
 from eitskin.diagnose.search import staging
 from small_skin import small_recording
@@ -14,6 +15,10 @@ from witness import owned
 PRESSED = {"harmonic": 2, "amplitude": 0.05, "phase_deg": 20.0, "carried": 1}
 OVAL = {"name": "domain-shape", "parameters": PRESSED}
 NOISE = 3e-4
+GAINS = (  # that hide each other
+    {"name": "drive-gain", "drives": [4], "parameters": {"gain": 0.95}},
+    {"name": "measurement-gain", "measures": [4], "parameters": {"gain": 0.95}},
+)
 
 
 def first_of(recorded):
@@ -49,15 +54,46 @@ def test_what_is_right_without_touches_is_looked_for_with_them(item):
 
 
 def test_two_gains_that_hide_each_other_stand_out_of_their_families():
-    gains = [
-        {"name": "drive-gain", "drives": [4], "parameters": {"gain": 0.95}},
-        {"name": "measurement-gain", "measures": [4], "parameters": {"gain": 0.95}},
-    ]
-    start, lines = first_of(small_recording(*gains, noise=NOISE))
+    start, lines = first_of(small_recording(*GAINS, noise=NOISE))
     assert start is not None and lines
     values = {s.effect.name: s.values["gain"].tolist() for s in start.fit.settings()}
-    assert values == {item["name"]: pytest.approx([0.95], abs=1e-3) for item in gains}
+    assert values == {item["name"]: pytest.approx([0.95], abs=1e-3) for item in GAINS}
     assert {c.sites for c in start.effects} == {(4,)}
+
+
+@pytest.fixture
+def at_most(monkeypatch):
+    """Makes families be fitted to so many frames of a small recording at most."""
+
+    def limited(frames):
+        _, search, _ = staging.prepared(small_recording(), 1)
+        derivatives = families.MOST_TOUCHED_DERIVATIVES
+        each = derivatives / families.most_frames(families.members(search.candidates), 40, True)
+        monkeypatch.setattr(families, "MOST_TOUCHED_DERIVATIVES", int(each * (frames + 0.5)))
+
+    return limited
+
+
+def test_families_are_sought_in_an_excerpt_of_too_many_frames(at_most):
+    recorded = small_recording(*GAINS, noise=NOISE)
+    _, search, _ = staging.prepared(recorded, 1)
+    assert staging._takes_families(search, touched=True)
+    at_most(29)
+    with pytest.raises(staging.FewerFrames) as fewer:
+        staging._takes_families(search, touched=True)
+    assert fewer.value.frames in (28, 29)
+    part = diagnosis._excerpt(recorded, fewer.value.frames, lambda line: None)
+    assert 20 <= len(part.frames) <= fewer.value.frames and not part.frames["touch"].all()
+    at_most(12)  # too few for a diagnosis
+    assert not staging._takes_families(search, touched=True)
+
+
+@pytest.mark.long
+def test_an_excerpt_is_diagnosed_with_its_families(at_most):
+    at_most(29)
+    diagnosed = diagnosis.diagnose(small_recording(*GAINS, noise=NOISE))
+    assert 20 <= len(diagnosed.recording.frames) <= 29
+    assert {c.name for c in diagnosed.explanation.effects} == {item["name"] for item in GAINS}
 
 
 def test_a_recording_of_touches_alone_has_no_frames_to_begin_with():

@@ -1,6 +1,7 @@
 """A recording diagnosed, from noise and calibration to search and remainder."""
 
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 
 from threadpoolctl import threadpool_limits
@@ -13,7 +14,7 @@ from eitskin.diagnose.fitting.held_out import error_units
 from eitskin.diagnose.fitting.memory import frame_limit
 from eitskin.diagnose.search.journal import Journal
 from eitskin.diagnose.search.pruning import pruned
-from eitskin.diagnose.search.staging import prepared, searched
+from eitskin.diagnose.search.staging import FewerFrames, prepared, searched
 from eitskin.diagnose.verdict.diagnosis import Data, Diagnosis, assess
 from eitskin.effects.effect import Setting
 from eitskin.physics import outline
@@ -31,11 +32,12 @@ def diagnose(
 
     What the check leaves out is left out (`usable`): frames in which somebody touched though no
     label tells, copies, frames whose load cell lost its signal, numbers that are no readings. Of a
-    long recording, an excerpt, as long as memory_GiB are expected to allow; a search on a few
-    frames of it is where that on all begins, or the effects of an earlier diagnosis where these
-    explain it: each has to be borne out. opened: pairs of a gate's and an effect's name, for which
-    the gate lets everything pass. Equal arguments give equal results, bit for bit. Raises
-    InputError where nothing can be simulated, and where it would take more memory.
+    long recording, an excerpt, as long as memory_GiB are expected to allow, or families of what is
+    a little wrong at every site; a search on a few frames of it is where that on all begins, or the
+    effects of an earlier diagnosis where these explain it: each has to be borne out. opened: pairs
+    of a gate's and an effect's name, for which the gate lets everything pass. Equal arguments give
+    equal results, bit for bit. Raises InputError where nothing can be simulated, and where it
+    would take more memory.
     """
     # Shared out among cores, small products take longer, and their sums are of other bytes.
     with threadpool_limits(1, user_api="blas"):
@@ -60,13 +62,37 @@ def _diagnosed(
     recording, unlabelled = usable(recording)
     for frames in unlabelled:
         report(f"a touch without a label in {stretch_text(frames)}, left out")
-    count = len(recording.frames)
-    recording = excerpt(recording, frame_limit(recording, memory_GiB))
-    if len(recording.frames) < count:
-        report(f"an excerpt: {len(recording.frames)} of {count} frames")
+    part = _excerpt(recording, frame_limit(recording, memory_GiB), report)
+    try:
+        diagnosis = _searched(part, seed, report, earlier, journal)
+    except FewerFrames as fewer:
+        part = _excerpt(part, fewer.frames, report)
+        diagnosis = _searched(part, seed, report, earlier, Journal(journal.opened))
+    return replace(diagnosis, unlabelled=tuple(unlabelled))
+
+
+def _excerpt(recording: Recording, limit: int, report: Callable[[str], None]) -> Recording:
+    """A recording, or where it has more frames than the limit an excerpt of no more."""
+    part, wanted = recording, limit
+    while len(part.frames) > limit:
+        part = excerpt(recording, wanted)
+        wanted -= 1
+    if part is not recording:
+        report(f"an excerpt: {len(part.frames)} of {len(recording.frames)} frames")
+    return part
+
+
+def _searched(
+    recording: Recording,
+    seed: int,
+    report: Callable[[str], None],
+    earlier: list[Setting] | None,
+    journal: Journal,
+) -> Diagnosis:
+    """The diagnosis of all frames of a recording. Raises FewerFrames where an excerpt is to be
+    diagnosed in its place."""
     noise, search, reserve_mask = prepared(recording, seed, report, journal)
     outcome, was_cut_short = searched(recording, search, seed, earlier)
     outcome = pruned(outcome, error_units(recording), noise.dof)
     problem = replace(search.problem, model=outcome[0].problem.model)
-    data = Data(recording, noise, reserve_mask, problem)
-    return replace(assess(data, outcome, was_cut_short), unlabelled=tuple(unlabelled))
+    return assess(Data(recording, noise, reserve_mask, problem), outcome, was_cut_short)

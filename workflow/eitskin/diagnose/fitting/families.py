@@ -10,7 +10,7 @@ from eitskin.diagnose.noise.components import COMPONENTS
 from eitskin.diagnose.noise.families import Family
 
 # Derivatives of all readings by all members, that a diagnosis holds at most: 160 frames of 16
-# electrodes, 18 of 32. More take minutes and gigabytes, and values at every site are effects then.
+# electrodes, 18 of 32. More take minutes and gigabytes.
 MOST_DERIVATIVES = 4_000_000
 # Of a recording with touches, whose fits have the members among their calibrations: 240 frames of
 # 16 electrodes with adjacent drives.
@@ -18,20 +18,23 @@ MOST_TOUCHED_DERIVATIVES = 6_000_000
 LEAST_CHANGE = 1e-7  # of the readings, by a typical change of all members: less is rounding
 
 
-def members(
-    candidates: list[Candidate], reading_count: int, most_derivatives: int = MOST_DERIVATIVES
-) -> dict[str, tuple[Candidate, ...]]:
-    """The candidates of a catalogue that are the members of each family that it has, by name; none
-    where their derivatives by so many readings are more than `most_derivatives`."""
+def members(candidates: list[Candidate]) -> dict[str, tuple[Candidate, ...]]:
+    """The candidates of a catalogue that are the members of each family that it has, by name."""
     families = {
         name: tuple(c for c in candidates if _is_member(c, family))
         for name, family in COMPONENTS.items()
         if isinstance(family, Family)
     }
-    size = reading_count * sum(c.size for family in families.values() for c in family)
-    if size > most_derivatives:
-        return {}
     return {name: family for name, family in families.items() if family}
+
+
+def most_frames(
+    families: Mapping[str, tuple[Candidate, ...]], channel_count: int, touched: bool
+) -> int:
+    """The number of frames of so many channels to which families are fitted at most; touched:
+    whether in some of them somebody touches."""
+    most = MOST_TOUCHED_DERIVATIVES if touched else MOST_DERIVATIVES
+    return most // (channel_count * sum(c.size for family in families.values() for c in family))
 
 
 def family_name(candidate: Candidate) -> str:

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from eitskin.diagnose.fitting.candidates import Candidate
-from eitskin.diagnose.fitting.families import MOST_TOUCHED_DERIVATIVES, family_name, members
+from eitskin.diagnose.fitting.families import family_name, members
 from eitskin.diagnose.fitting.family_sizes import FamilySizes
 from eitskin.diagnose.fitting.fit import Fit, Problem, fit, renewed_slopes
 from eitskin.diagnose.fitting.jacobian import Jacobian
@@ -153,7 +153,7 @@ def among_calibrations(search: Search, untouched: Explanation) -> tuple[Search, 
     if not sds:
         return search, StartingPoint.from_explanation(untouched)
     problem = search.problem
-    families = members(search.candidates, problem.readings.size, MOST_TOUCHED_DERIVATIVES)
+    families = members(search.candidates)
     families = {n: f for n, f in families.items() if n in sds or n not in SILENT_ALONE}
     sds = {**dict.fromkeys(families, JOINING_SD), **sds}
     for _ in range(JOINING_ROUNDS):

@@ -10,9 +10,10 @@ from eitskin.data.recording import Recording
 from eitskin.data.subset import of_frames
 from eitskin.diagnose.fitting.candidates import Candidate, replaces_instrument
 from eitskin.diagnose.fitting.excerpt import excerpt_mask
-from eitskin.diagnose.fitting.families import MOST_TOUCHED_DERIVATIVES, members
+from eitskin.diagnose.fitting.families import members, most_frames
 from eitskin.diagnose.fitting.fit import Problem, fit
 from eitskin.diagnose.fitting.held_out import draw_reserve_mask, folds
+from eitskin.diagnose.fitting.memory import MIN_FRAMES
 from eitskin.diagnose.fitting.readings import noise_and_problem
 from eitskin.diagnose.fitting.simulator import RecordingSimulator
 from eitskin.diagnose.noise.noise_model import NoiseModel
@@ -47,6 +48,15 @@ FIRST_SHARE = 2 / 3  # of the budget, that the search on these may take
 UNTOUCHED_DISCREPANCY, LEAST_UNTOUCHED, UNTOUCHED_SHARE = 3e-3, 5, 1 / 3
 MOST_DENSE_NAMES = 1  # with values at every site: with two, a skin is a little wrong everywhere
 EXPLAINED = 2.0  # chi squared a reading, up to which such a start is trusted
+
+
+class FewerFrames(Exception):
+    """A recording is a little wrong at every site, and has more frames than families are fitted to;
+    frames: to how many they are."""
+
+    def __init__(self, frames: int) -> None:
+        super().__init__(f"families are fitted to {frames} frames")
+        self.frames = frames
 
 
 def prepared(
@@ -98,12 +108,16 @@ def searched(
     recording: Recording, search: Search, seed: int, stated: list[Setting] | None = None
 ) -> tuple[Outcome, bool]:
     """The outcome of a search of a recording, begun where it is cheapest, and whether a stage of it
-    was cut short; stated: effects with which it begins where these explain the recording."""
+    was cut short; stated: effects with which it begins where these explain the recording. Raises
+    FewerFrames where an excerpt is to be searched in its place."""
     stated_start = _at_stated(search, stated) if stated else None
     if stated_start is not None:
         return grown(*stated_start), False
     mask = search.problem.whitening.mask
     fitted = replace(recording, voltage=np.where(mask, recording.readings, np.nan))
+    model = search.problem.model
+    if not (model.touched.any() or model.difference or search.problem.families) and _misfit(search):
+        _takes_families(search, touched=False)
     untouched = _untouched_first(search, fitted, seed)
     if untouched is None:
         return _on_all(search, fitted, seed, None)
@@ -206,13 +220,10 @@ def _untouched_first(search: Search, recording: Recording, seed: int) -> Explana
     if model.difference or count < LEAST_UNTOUCHED or not model.touched.any():
         return None
     untouched = _on_frames(search, recording, ~model.touched, seed, UNTOUCHED_SHARE)
-    plain = fit(untouched.problem, [], np.zeros(len(model.calibrations)))
-    size = untouched.problem.whitening.size
-    if plain.chi2 < GROSS_MISFIT.threshold * size:
+    start = _misfit(untouched)
+    if start is None:
         return None
-    calibrated_search, calibration = calibrated(untouched)
-    if calibration.error_sds.get(DISCREPANCY, 0.0) < UNTOUCHED_DISCREPANCY:
-        return None
+    calibrated_search, calibration = start
     search.report(f"first on the {count} frames in which nobody touches")
     _, _, named = run(calibrated_search)
     if replaces_instrument(named.effects):
@@ -221,9 +232,7 @@ def _untouched_first(search: Search, recording: Recording, seed: int) -> Explana
     dense_names = {effect.name for effect in named.effects if effect.scope == "dense"}
     if by_names is not None and len(dense_names) <= MOST_DENSE_NAMES:
         return by_names
-    size_of_all = search.problem.readings.size
-    is_small = bool(members(search.candidates, size_of_all, MOST_TOUCHED_DERIVATIVES))
-    if not is_small or is_unlike(calibrated_search, calibration):
+    if is_unlike(calibrated_search, calibration) or not _takes_families(search, touched=True):
         return by_names
     used_share = untouched.budget_used * untouched.budget_share
     with_families = _with_families(replace(untouched, budget_share=used_share + UNTOUCHED_SHARE))
@@ -239,6 +248,32 @@ def _untouched_first(search: Search, recording: Recording, seed: int) -> Explana
     return after if after.fit.problem.model.families or _explains(after) else None
 
 
+def _misfit(search: Search) -> tuple[Search, Explanation] | None:
+    """The calibrated search of untouched frames, and its explanation, where more than
+    UNTOUCHED_DISCREPANCY of their readings is unexplained; else None."""
+    problem = search.problem
+    plain = fit(problem, [], np.zeros(len(problem.model.calibrations)))
+    if plain.chi2 < GROSS_MISFIT.threshold * problem.whitening.size:
+        return None
+    calibrated_search, calibration = calibrated(search)
+    if calibration.error_sds.get(DISCREPANCY, 0.0) < UNTOUCHED_DISCREPANCY:
+        return None
+    return calibrated_search, calibration
+
+
+def _takes_families(search: Search, touched: bool) -> bool:
+    """Whether a catalogue has families, and a recording no more frames than these are fitted to.
+    Raises FewerFrames where an excerpt of so many shows enough."""
+    families = members(search.candidates)
+    if not families:
+        return False
+    frames, channels = search.problem.readings.shape
+    limit = most_frames(families, channels, touched)
+    if MIN_FRAMES <= limit < frames:
+        raise FewerFrames(limit)
+    return frames <= limit
+
+
 def _explains(explanation: Explanation) -> bool:
     """Whether an explanation leaves little more than noise, without a discrepancy."""
     plain = without_discrepancy(explanation, explanation.fit)
@@ -247,8 +282,11 @@ def _explains(explanation: Explanation) -> bool:
 
 def _with_families(search: Search) -> Search:
     """A search of frames that nobody touches, with families in place of the candidates that are
-    their members."""
-    families = members(search.candidates, search.problem.readings.size)
+    their members, where there are no more frames than these are fitted to."""
+    families = members(search.candidates)
+    frames, channels = search.problem.readings.shape
+    if not families or frames > most_frames(families, channels, touched=False):
+        return search
     search = replace(search, problem=replace(search.problem, families=families))
     every_member = (member for family in families.values() for member in family)
     return without_members_as_candidates(search, every_member)
