@@ -8,9 +8,10 @@ from scipy.stats import multivariate_normal
 
 from eitskin.data.subset import of_frames
 from eitskin.diagnose import diagnosis
-from eitskin.diagnose.fitting.family_sizes import FamilySizes
+from eitskin.diagnose.fitting.family_sizes import LARGEST_LOG_SD, FamilySizes
 from eitskin.diagnose.fitting.fit import fit
 from eitskin.diagnose.fitting.query import predict
+from eitskin.diagnose.noise.noise_model import NORMAL_90
 from eitskin.diagnose.noise.single_frame import beside_gains
 from eitskin.diagnose.search import families, staging
 from eitskin.diagnose.verdict import corrected
@@ -72,6 +73,33 @@ def test_the_likelihood_of_sizes_is_that_of_a_linear_mixed_model():
         (direct(first * np.exp(step)) - direct(first * np.exp(-step))) / 2e-5 for step in steps
     ]
     np.testing.assert_allclose(slopes, central, rtol=1e-5)
+
+
+@pytest.mark.parametrize("likeness", [0.0, 0.95])
+def test_intervals_of_sizes_hold_them_also_where_a_family_does_what_another_does(likeness):
+    """likeness: of what the members of one family and of the other do."""
+    hits, widths = [], []
+    for seed in range(80):
+        rng = np.random.default_rng([seed, 7])
+        shared, other = rng.standard_normal((2, 16, 60)) / 0.3
+        columns = np.r_[shared, likeness * shared + np.sqrt(1.0 - likeness**2) * other]
+        label = np.repeat([0, 1], 16)
+        readings = 0.5 * rng.standard_normal(32) @ columns + rng.standard_normal(60)
+        sizes = FamilySizes(
+            ["drive-gain", "electrode-position"],
+            np.ones(2),
+            label,
+            np.ones(32),
+            columns @ columns.T,
+            columns @ readings,
+        )
+        greatest, _ = sizes.greatest()
+        log_sds = np.minimum(sizes.log_size_sds(greatest), LARGEST_LOG_SD)
+        present = greatest > 0.0
+        hits.append((np.abs(np.log(greatest[present] / 0.5)) < NORMAL_90 * log_sds[present]).all())
+        widths.append(log_sds[0])
+    assert 0.68 < np.mean(hits) < 0.95  # of two at 90 % each
+    assert np.median(widths) < (0.3 if likeness == 0.0 else 0.6)
 
 
 def test_sizes_are_those_that_were_drawn_and_0_where_nothing_was():

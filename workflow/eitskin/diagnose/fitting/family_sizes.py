@@ -27,6 +27,8 @@ MOST_GROWTH = 100.0  # times its sd, that a family may be learned to have
 APART = "apart"  # the first word of the name of a member that is apart from its family
 LEAST_DEVIATION = 1.5  # sds of its family, from which on a member may be apart
 OUTLYING = 8.4  # nats: of 37 names one, of six sizes of an effect one, and strong evidence, 3
+STEP = 1e-3  # of the logarithm of a size, for its likelihood's curvature
+LARGEST_LOG_SD = 2.0  # of a direction of sizes: by then an interval spans a factor of 700
 ABSENT = 1e-3  # of its prior's sd: a family that is smaller does nothing
 
 
@@ -88,6 +90,23 @@ class FamilySizes:
         ratio[ratio < 2.0 * ABSENT] = 0.0
         return ratio * self.sds, -float(best.fun)
 
+    def log_size_sds(self, sds: np.ndarray) -> np.ndarray:
+        """(K,): sds of the logarithms of the sizes at those of the greatest likelihood, by its
+        curvature, what a family may take from another included; infinite where a size is 0."""
+        present = np.flatnonzero(sds > 0.0)
+        steps = STEP * np.eye(len(sds))[present]
+        slopes = [
+            self.log_likelihood(sds * np.exp(sign * step))[1][present]
+            for step in steps
+            for sign in (1.0, -1.0)
+        ]
+        curvature = (np.array(slopes[1::2]) - np.array(slopes[::2])) / (2.0 * STEP)
+        values, vectors = np.linalg.eigh(0.5 * (curvature + curvature.T))
+        variance = (vectors**2 / np.maximum(values, LARGEST_LOG_SD**-2)).sum(axis=1)
+        log_sds = np.full(len(sds), np.inf)
+        log_sds[present] = np.sqrt(variance)
+        return log_sds
+
     def _prior_sds(self) -> np.ndarray:
         """(K,): sds of the sizes' priors, none of a member of its own."""
         return np.array([COMPONENTS[n].prior_sd if n in COMPONENTS else np.inf for n in self.names])
@@ -120,11 +139,6 @@ class FamilySizes:
             if best < 0 or raised[best] < OUTLYING + np.log(choices):
                 return nats
             nats[best], sizes = raised[best], sizes.apart(best)
-
-    def member_variance(self) -> np.ndarray:
-        """(P,): variance of the coordinates given the readings, over that of their priors."""
-        _, matrix = self._standardised(self.sds)
-        return np.diag(np.linalg.inv(matrix))
 
     def _standardised(self, sds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """D's diagonal (P,) and I + D G D (P, P) at sds (K,)."""

@@ -606,6 +606,17 @@ NOTHING_UNNAMED = Gate(
     "the verdict",
     "the probability of something without a name is {value}",
 )
+FAMILY_COUNTS = Gate(
+    "family-counts",
+    "share of the held-out misfit that comes back without the family",
+    0.05,
+    "at least",
+    "certainty",
+    "contract of diagnosis.json",
+    "the verdict",
+    "without the family {value} of the misfit comes back; a family counts for the verdict from"
+    " {threshold} on",
+)
 OBSERVABLE = Gate(
     "observable",
     "SNR of an effect of typical size, noise units",

@@ -13,7 +13,7 @@ from eitskin.diagnose.fitting.held_out import HeldOut
 from eitskin.diagnose.fitting.readings import reserve_problem
 from eitskin.diagnose.fitting.reserve import Reserve
 from eitskin.diagnose.noise.whitening import Whitening
-from eitskin.diagnose.search.gates import DISTINCT, OBSERVABLE, STANDS_OUT
+from eitskin.diagnose.search.gates import DISTINCT, FAMILY_COUNTS, OBSERVABLE, STANDS_OUT
 from eitskin.diagnose.search.refits import reduced
 from eitskin.diagnose.verdict import identities, words
 from eitskin.diagnose.verdict.certainty import certainty, held_out_p, is_certain, least_gain
@@ -24,7 +24,6 @@ from eitskin.diagnose.verdict.verdict import verdict
 from eitskin.effects import EFFECTS, catalogue_names
 
 OPTIONAL = ("families", "parts", "steps")  # keys that are left out where they are empty
-FAMILY_SHARE = 0.05  # of the held-out misfit, from which on a family counts for the verdict
 PART_KEYS = ("verdict", "effects", "other", "fit")  # what diagnosis.json has of each part
 
 
@@ -65,7 +64,7 @@ def conclude(diagnosis: Diagnosis) -> Verdict:
     entries = [_entry(diagnosis, i) for i in range(len(explanation.effects))]
     certainties, p_value = [e["certain"] for e in entries], held_out_p(diagnosis)
     everywhere = families(diagnosis)
-    certainties += [True for family in everywhere if family["share"] >= FAMILY_SHARE]
+    certainties += [True for family in everywhere if FAMILY_COUNTS.admits(family["share"])]
     summary = verdict(certainties, p_value, remainder.probability)
     fit = _fit(diagnosis)
     other = {

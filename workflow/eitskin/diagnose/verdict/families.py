@@ -6,7 +6,7 @@ import numpy as np
 
 from eitskin.diagnose.fitting.candidates import Candidate
 from eitskin.diagnose.fitting.families import family_name
-from eitskin.diagnose.fitting.family_sizes import FamilySizes
+from eitskin.diagnose.fitting.family_sizes import LARGEST_LOG_SD, FamilySizes
 from eitskin.diagnose.fitting.held_out import held_out
 from eitskin.diagnose.noise.components import COMPONENTS
 from eitskin.diagnose.noise.families import Family
@@ -25,15 +25,15 @@ def families(diagnosis: Diagnosis) -> list[dict]:
     share of the held-out misfit that returns without it, its members, and the families from which
     it cannot be told.
 
-    The interval is that of the logarithm of a variance known from as many squares as members are
-    determined by the readings.
+    The interval is of the size's logarithm, by the curvature of the likelihood of all sizes
+    together.
     """
     fitted = diagnosis.named_fit
     if not fitted.problem.model.families:
         return []
     sizes = FamilySizes.from_fit(fitted)
     greatest_sds, best = sizes.greatest()
-    determined = 1.0 - sizes.member_variance()
+    log_sds = sizes.log_size_sds(greatest_sds)
     entries = []
     for index, name in enumerate(sizes.names):
         family = COMPONENTS[name]
@@ -41,8 +41,7 @@ def families(diagnosis: Diagnosis) -> list[dict]:
         members = [c for c in fitted.problem.model.families if family_name(c) == name]
         unit, typical = _unit(members[0])
         sd = typical * float(greatest_sds[index])
-        count = max(float(determined[sizes.label == index].sum()), 1.0)
-        factor = float(np.exp(NORMAL_90 * np.sqrt(0.5 / count)))
+        factor = float(np.exp(NORMAL_90 * min(log_sds[index], LARGEST_LOG_SD)))
         reduced_sds, likelihood = sizes.greatest([name])
         confused = [
             rival
