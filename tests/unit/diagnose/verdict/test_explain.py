@@ -16,8 +16,8 @@ from eitskin.diagnose.search.gates import (
     PLACE,
     REMAINDER,
     STANDS_OUT,
-    STATED_SIZE,
     STATED,
+    STATED_SIZE,
 )
 from eitskin.diagnose.search.journal import Decision
 from eitskin.diagnose.verdict import refusals
