@@ -18,6 +18,7 @@ from eitskin.diagnose.report.answer import answer
 from eitskin.diagnose.search.gates import DISTINCT
 from eitskin.diagnose.verdict import family_words, opening, words
 from eitskin.diagnose.verdict.nothing import holds_nothing
+from eitskin.diagnose.verdict.remainder import NO_PATTERN
 from eitskin.effects import EFFECTS, catalogue_names
 from eitskin.effects.effect import SITES
 from eitskin.physics.protocol import channel_table
@@ -31,9 +32,12 @@ MOST_WORDS = 50  # of the first sentence: read aloud in a quarter of a minute
 
 
 def said_again(document: dict) -> dict:
-    """A document with today's sentences."""
+    """A document as it is said today: blocks of earlier versions call names certain that are not
+    told apart, and have rows of the atlas without evidence."""
+    if (document["other"]["sentence"] or "").startswith("No evidence"):
+        document["other"]["sentence"] = NO_PATTERN
     for effect in document["effects"]:
-        effect["certain"] = words.is_certain(effect)
+        effect["certain"] = words.is_certain(effect) and not effect["alternatives"]
         effect["sentence"] = words.effect_sentence(effect, EFFECTS[effect["name"]])
     for family in document.get("families", []):
         family["sentence"] = family_words.family_sentence(family)

@@ -72,7 +72,7 @@ def test_a_part_that_may_be_nothing_is_left_out_beside_one_that_is_something():
     stated = entry("registration", **shifted, rotation_deg=(0.01, -0.03, 0.05))
     text = words.effect_sentence(stated, EFFECTS["registration"])
     assert text.replace(MINUS, "-") == (
-        "Touches are not where they are reported; they are shifted by -0.114"
+        "Touches are not where they are reported, shifted by -0.114"
         " (90 %: -0.147 to -0.081)\xa0mm along y."
     )
 

@@ -85,7 +85,7 @@ def answer(evidence: Evidence, hidden: str) -> str:
         items = [f"<li>{numbers_unbroken(sentence)}</li>" for sentence in unknown]
         rest += [f"<ul>{''.join(items)}</ul>"] if items else []
         rest += [f"<p><b>{numbers_unbroken(experiment)}</b></p>"] if experiment else []
-    rest += _use(evidence)
+    rest.append(_use(evidence))
     text = "\n".join(parts), "\n".join(rest)
     return f"<main>\n<div>{text[0]}</div>\n{changed}\n<div>{text[1]}</div>\n</main>"
 
@@ -106,14 +106,16 @@ def _findings(head: str, effects: list[dict], evidence: Evidence) -> str:
     return f"<h2>{head}</h2>\n{''.join(items)}"
 
 
-def _use(evidence: Evidence) -> list[str]:
-    """How to use the corrected simulator; what was predicted of a query."""
-    lines = ["<h2>Use it</h2>", f"<p>{opening.use_sentence(evidence.diagnosis)}"]
-    lines[-1] += (
-        " It is <code>effects.yaml</code> beside this page; <code>eitskin train FOLDER</code>, the"
-        " folder of this page, makes an estimator of touches from it.</p>"
-    )
-    return lines
+def _use(evidence: Evidence) -> str:
+    """How to use the corrected simulator."""
+    sentence, is_worth_training = opening.use_sentence(evidence.diagnosis)
+    text = sentence.replace("effects.yaml", "<code>effects.yaml</code>")
+    if is_worth_training:
+        text += (
+            " <code>eitskin train FOLDER</code>, the folder of this page, makes an estimator of"
+            " touches from it."
+        )
+    return f"<h2>Use it</h2>\n<p>{text}</p>"
 
 
 def names(evidence: Evidence, change_drawings: list[str]) -> str:

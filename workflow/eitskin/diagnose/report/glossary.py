@@ -48,7 +48,7 @@ TERMS = (
     ),
     Term(
         "degree of freedom",
-        r"\bdegrees? of freedom\b|\bdof\b",
+        r"\bdegrees? of freedom\b",
         "A reading, less what was fitted to it: what a sum of squares is divided by.",
     ),
     Term(
@@ -58,7 +58,7 @@ TERMS = (
     ),
     Term(
         "false discovery rate",
-        r"\bfalse discovery rate\b|\bq\b",
+        r"\bfalse discovery rate\b",
         "Among all patterns that are called found, the share that chance alone makes.",
     ),
     Term(
@@ -115,7 +115,7 @@ TERMS = (
     ),
     Term(
         "p",
-        r"\bp(?= =|-value|\b(?=</th>))|\bp-values?\b",
+        r"\bp(?= =|:)|\bp-values?\b",
         "How often chance alone gives as much: 0.01 is once in a hundred recordings.",
     ),
     Term(
@@ -151,7 +151,7 @@ def with_terms(body: str) -> str:
     on hover and, on paper, in brackets. Names of files, pictures, headings and links stay."""
     parts = re.split(r"(<[^>]+>)", body)
     missing = {term: re.compile(term.mention) for term in TERMS}
-    closed = {"svg", "code", "pre", "a", "h1", "h2", "h3", "summary", "td"}
+    closed = {"svg", "code", "pre", "a", "h1", "h2", "h3", "summary", "td", "th"}
     inside: list[str] = []
     for place, part in enumerate(parts):
         if part.startswith("<"):

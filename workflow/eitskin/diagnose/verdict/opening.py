@@ -23,6 +23,7 @@ from eitskin.quantities import listed, quantity
 
 INTERVAL = re.compile(r" \(90 %: [^)]*\)")
 SENTENCE_END = re.compile(r"(?<=\.) (?=[A-Z])")
+SAME = 0.9  # of the error before: more than that is hardly a change
 MOST_NAMES = 3  # of a list in a sentence; the rest are others
 SHARED_MISFIT = 1.05  # chi squared a degree of freedom: more than the noise is left
 # Names from what a person sees at the bench to what only a model tells; later ones in any order.
@@ -111,6 +112,8 @@ def error_sentence(diagnosis: dict, unit: str) -> str:
     if before == after:
         return f"On readings {role} the simulation is off by {quantity(after, unit)}; {noise}."
     change = f"from {quantity(before, unit)} to {quantity(after, unit)}"
+    if SAME < after / before <= 1.0:
+        return f"On readings {role} the error of the simulation hardly changes, {change}; {noise}."
     if after > before:
         return f"On readings {role} the error of the simulation does not fall: {change}; {noise}."
     return f"On readings {role} the error of the simulation falls {change}; {noise}."
@@ -186,26 +189,26 @@ def experiment_sentence(diagnosis: dict, experiment: dict) -> str:
     return f"{WORTH}: {recording}; it could show {names_text(by_recording[recording])}."
 
 
-def use_sentence(diagnosis: dict) -> str:
-    """What the corrected simulator is good for."""
+def use_sentence(diagnosis: dict) -> tuple[str, bool]:
+    """What the simulator that effects.yaml corrects is good for, and whether it is worth an
+    estimator of touches."""
     certain, candidates = findings(diagnosis)
     scores = last_scores(diagnosis)
     if not (diagnosis["effects"] or diagnosis.get("families")):
         if diagnosis["verdict"] == "consistent":
-            return "The simulation needs no correction."
-        return "Nothing is corrected, as nothing could be named: find out first what is wrong."
+            return "The simulation needs no correction.", True
+        return "Nothing is corrected, as nothing has a name: find out first what is wrong.", False
     if scores["rms_after_V"] > scores["rms_before_V"]:
-        return (
+        text = (
             "The corrected simulator is no better on readings that it never saw: use it for nothing"
             " before that is understood."
         )
+        return text, False
     if candidates and not certain:
-        return "The corrected simulator takes the candidates as they were fitted: try them first."
+        return "effects.yaml corrects the simulator by the candidates: try them first.", True
     if candidates:
-        return (
-            "The corrected simulator has what is certain, and the candidates as they were fitted."
-        )
-    return "The corrected simulator has all of this in it."
+        return "effects.yaml corrects the simulator by what is certain and by the candidates.", True
+    return "effects.yaml corrects the simulator by all of this.", True
 
 
 def plain(name: str) -> str:

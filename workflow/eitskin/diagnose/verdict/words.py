@@ -248,6 +248,8 @@ def repair_advice(effect: dict, channels: np.ndarray) -> str:
     if kind == "channels" and of_electrode:
         electrode_of_channel = site_of(catalogue_effect.sites[0], channels)
         sites = sorted({int(electrode) for electrode in electrode_of_channel[sites]})
+    if effect["scope"] == "dense" and len(sites) > MOST_LISTED:
+        sites = []  # all of them
     for noun in ("electrode", "channel"):
         if not sites:
             text = text.replace(f"{noun}s {{site}}", f"all {noun}s")
