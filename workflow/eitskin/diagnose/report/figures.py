@@ -245,7 +245,7 @@ def hidden_error(evidence: Evidence) -> Figure:
         errors = errors[1:]
     cells = [matrix(evidence.channels, np.sqrt(_frame_mean(error**2))) for error in errors]
     factor, unit = prefixed(float(np.nanmax(cells)), evidence.reading_unit)
-    norm = Normalize(0.0, _rounded_up(float(np.nanmax(cells)) / factor))
+    norm = Normalize(0.0, float(np.nanmax(cells)) / factor)
     figure = column(62)
     figure.set_layout_engine("compressed", w_pad=0.02, h_pad=0.02)  # of maps of equal scales
     row = np.atleast_1d(figure.subplots(1, len(cells), sharey=True))

@@ -36,7 +36,7 @@ def family_sentence(family: dict) -> str:
     text = SENTENCES[family["name"]].replace("{sd}", size)
     if family["share"] >= TOLD_SHARE:
         share = f"{number(100.0 * family['share'])} %"
-        text += f" To leave that out brings back {share} of the misfit."
+        text += f" It accounts for {share} of the misfit."
     if family["confused_with"]:
         others = listed([NAMES[name] for name in family["confused_with"]])
         text += f" This recording cannot tell it from {others}."

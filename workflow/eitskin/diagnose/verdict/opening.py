@@ -62,13 +62,14 @@ def opening(diagnosis: dict, channels: np.ndarray) -> str:
     certain, candidates = findings(diagnosis)
     if certain:
         return f"{_bare(certain[0]['sentence'])}: {_advice(certain[0], channels)}."
-    if diagnosis.get("families"):
-        text = _bare(diagnosis["families"][0]["sentence"])
-        return f"No single part is certainly at fault; {_lowered(text)}."
+    first = ""
     if candidates:
-        return (
-            f"Nothing is certain yet; to try first: {_advice(plainest(candidates[0]), channels)}."
-        )
+        first = f"to try first: {_advice(plainest(candidates[0]), channels)}."
+    if diagnosis.get("families"):
+        text = f"No single part is certainly at fault; {_lowered(_bare(_largest(diagnosis)))}"
+        return f"{text}; {first}" if first else f"{text}."
+    if candidates:
+        return f"Nothing is certain yet; {first}"
     if diagnosis["verdict"] != "unexplained":
         return CONSISTENT
     place = sites_text(diagnosis["other"])
@@ -226,6 +227,11 @@ def names_text(names: Sequence[str]) -> str:
 
 def _advice(effect: dict, channels: np.ndarray) -> str:
     return _lowered(repair_advice(effect, channels)).rstrip(".")
+
+
+def _largest(diagnosis: dict) -> str:
+    """The sentence on the family that accounts for most of the misfit."""
+    return max(diagnosis["families"], key=lambda family: family["share"])["sentence"]
 
 
 def _first(text: str) -> str:
