@@ -107,3 +107,25 @@ def test_a_time_constant_that_may_be_anything_is_said_to_be_untold():
         "Perhaps the gel gives way under a force that is held: -40 (90 %: -100 to 90)\xa0% of its"
         " answer fades. These readings do not tell its time constant."
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "above", "below"),
+    [
+        ("electrode-position", "shift_deg", "towards larger angles.", "towards smaller angles."),
+        ("offset", "volt", "\xa0V too much.", "\xa0V too little."),
+        ("force-lag", "lag_s", "\xa0s late.", "\xa0s early."),
+        ("force-offset", "offset_N", "\xa0N more than reported.", "\xa0N less than reported."),
+    ],
+)
+def test_a_value_below_nothing_is_said_without_its_sign(name, key, above, below):
+    effect = EFFECTS[name]
+    sites = {effect.sites[0]: [3]} if effect.sites else {}
+    scope = "sparse" if effect.sites else "common"
+    for value, words_there in ((2.0, above), (-2.0, below)):
+        stated = entry(name, scope, **{key: (value, value - 1.0, value + 1.0)}) | sites
+        text = words.effect_sentence(stated, effect)
+        assert text.endswith(words_there) and MINUS not in text
+        assert "2.0" in text and "1.0" in text and "3.0" in text
+    both = entry(name, scope, **{key: ([-2.0, 2.0], [-3.0, 1.0], [-1.0, 3.0])}) | sites
+    assert MINUS in words.effect_sentence(both, effect)

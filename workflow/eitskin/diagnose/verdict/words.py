@@ -178,6 +178,9 @@ def effect_sentence(entry: dict, effect: Effect) -> str:
     text = effect.finding_at(values)
     if "amounts" in entry and effect.combination is not None:
         text, estimates = effect.combination.finding(values), estimates | entry["amounts"]
+    if effect.opposite is not None and _are_negative(estimates):
+        text = text.replace(*effect.opposite)
+        estimates = {key: _negated(estimate) for key, estimate in estimates.items()}
     optional = {key.partition(":")[0] for p in PART.findall(text) for key in GAP.findall(p)}
     unbounded = [key for key in estimates if key in optional and _is_unbounded(estimates[key])]
     sizes = {
@@ -219,6 +222,22 @@ def alternatives_sentence(effect: dict) -> str:
     if len(names) > MOST_LISTED:
         names = [*names[:NEAREST], f"{len(names) - NEAREST} further names"]
     return f"This recording cannot tell it from {listed(names)}." if names else ""
+
+
+def _are_negative(estimates: dict) -> bool:
+    return all(np.max(estimate["value"]) < 0.0 for estimate in estimates.values())
+
+
+def _negated(estimate: dict) -> dict:
+    """An estimate of diagnosis.json with the opposite sign, its interval turned round."""
+    ends = {"value": "value", "low": "high", "high": "low"}
+    negated = {key: (-np.array(estimate[source])).tolist() for key, source in ends.items()}
+    if "at_bound" in estimate:
+        turned = {"low": "high", "high": "low", None: None}
+        bounds = estimate["at_bound"]
+        is_list = isinstance(bounds, list)
+        negated["at_bound"] = [turned[b] for b in bounds] if is_list else turned[bounds]
+    return estimate | negated
 
 
 def _first_direction(estimate: dict, count: int) -> dict:
