@@ -195,17 +195,19 @@ def test_nothing_certain_may_be_nothing(document):
 
 def test_of_names_that_cannot_be_told_apart_the_plainest_speaks():
     document = drawn(0)
-    effect = drawn_effect("contact-impedance", np.random.default_rng(1))
-    effect |= {"certain": False, "alternatives": ["electrode-width", "drive-gain"]}
-    effect["sentence"] = words.effect_sentence(effect, EFFECTS["contact-impedance"])
+    effect = drawn_effect("anisotropy", np.random.default_rng(1))
+    effect |= {"certain": False, "alternatives": ["domain-shape", "electrode-position"]}
+    effect["sentence"] = words.effect_sentence(effect, EFFECTS["anisotropy"])
     document |= {"effects": [effect], "verdict": "partly-explained"}
     document.pop("families", None)
-    sites = words.sites_text(effect)
     text = first_screen(document)
-    assert f"Nothing is certain yet; to try first: measure the width of {sites}." in text
-    said = f"Perhaps it is the electrode width of {sites}: this recording cannot tell it from"
-    assert f"{said} contact impedance and drive gain." in text
-    assert opening.plainest(effect | {"alternatives": []})["name"] == "contact-impedance"
+    assert "Nothing is certain yet; to try first: measure the angle of every electrode." in text
+    said = "Perhaps it is the electrode position: this recording cannot tell it from"
+    assert f"{said} domain shape and anisotropy. By anisotropy it reads: the gel conducts" in text
+    for alternatives in ([], ["common-mode"]):
+        assert opening.plainest(effect | {"alternatives": alternatives}) == effect | {
+            "alternatives": alternatives
+        }
 
 
 def test_the_one_experiment_tells_most_apart():

@@ -26,28 +26,14 @@ SENTENCE_END = re.compile(r"(?<=\.) (?=[A-Z])")
 SAME = 0.9  # of the error before: more than that is hardly a change
 MOST_NAMES = 3  # of a list in a sentence; the rest are others
 SHARED_MISFIT = 1.05  # chi squared a degree of freedom: more than the noise is left
-# Names from what a person sees at the bench to what only a model tells; later ones in any order.
+# Names from what a person sees at the bench to what only a model tells, those of a line alike.
 PLAINEST = (
-    "electrode-swap",
-    "electrode-open",
-    "electrode-position",
-    "electrode-width",
-    "contact-impedance",
-    "offset",
-    "measurement-gain",
-    "drive-gain",
-    "channel-gain",
-    "ground-leak",
-    "registration",
-    "probe-radius",
-    "force-offset",
-    "force-lag",
-    "touch-contrast",
-    "contact-law",
-    "contact-area-growth",
-    "domain-shape",
-    "conductivity-gradient",
-    "conductivity-patch",
+    ("electrode-swap", "electrode-open"),
+    ("electrode-position", "electrode-width", "contact-impedance"),
+    ("offset", "measurement-gain", "drive-gain", "channel-gain", "ground-leak"),
+    ("registration", "probe-radius", "force-offset", "force-lag"),
+    ("touch-contrast", "contact-law", "contact-area-growth"),
+    ("domain-shape", "ellipse", "conductivity-gradient", "conductivity-patch"),
 )
 CONSISTENT = (
     "Nothing is missing that this recording could show: the simulation can be used as it is."
@@ -123,9 +109,7 @@ def error_sentence(diagnosis: dict, unit: str) -> str:
 def plainest(effect: dict) -> dict:
     """An effect of diagnosis.json, or in its place the plainest name that this recording cannot
     tell from it, with its sites where the other name may be at such."""
-    names = [effect["name"], *effect["alternatives"]]
-    rank = {name: place for place, name in enumerate(PLAINEST)}
-    name = min(names, key=lambda each: rank.get(each, len(PLAINEST)))
+    name = min([effect["name"], *effect["alternatives"]], key=_rank)
     kept = {kind: effect[kind] if kind in EFFECTS[name].sites else [] for kind in SITES}
     return effect if name == effect["name"] else effect | {"name": name} | kept
 
@@ -219,10 +203,13 @@ def plain(name: str) -> str:
 
 def names_text(names: Sequence[str]) -> str:
     """Names in a sentence, the plainest first; of many some."""
-    rank = {name: place for place, name in enumerate(PLAINEST)}
-    ordered = sorted(names, key=lambda name: rank.get(name, len(PLAINEST)))
-    texts = [plain(name) for name in ordered]
+    texts = [plain(name) for name in sorted(names, key=_rank)]
     return listed([*texts[:MOST_NAMES], "others"] if len(texts) > MOST_NAMES + 1 else texts)
+
+
+def _rank(name: str) -> int:
+    """The line of PLAINEST that a name is in; later ones come after all."""
+    return next((rank for rank, line in enumerate(PLAINEST) if name in line), len(PLAINEST))
 
 
 def _advice(effect: dict, channels: np.ndarray) -> str:
