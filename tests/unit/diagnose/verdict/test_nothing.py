@@ -129,3 +129,12 @@ def test_a_value_below_nothing_is_said_without_its_sign(name, key, above, below)
         assert "2.0" in text and "1.0" in text and "3.0" in text
     both = entry(name, scope, **{key: ([-2.0, 2.0], [-3.0, 1.0], [-1.0, 3.0])}) | sites
     assert MINUS in words.effect_sentence(both, effect)
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "said"),
+    [("conductivity-gradient", "relative_across", "188.0°"), ("anisotropy", "ratio", "8.0°")],
+)
+def test_a_direction_is_told_from_0_on(name, size, said):
+    stated = entry(name, **{size: (2.0, 1.5, 2.5)}, angle_deg=(-172.0, -175.0, -169.0))
+    assert said in words.effect_sentence(stated, EFFECTS[name])

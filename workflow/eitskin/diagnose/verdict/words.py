@@ -203,6 +203,8 @@ def effect_sentence(entry: dict, effect: Effect) -> str:
         key, _, form = match[1].partition(":")
         if form in estimates:
             return value_texts(_first_direction(estimates[key], int(estimates[form]["value"])))[0]
+        if effect.polar is not None and key == effect.polar[1]:
+            return value_texts(_turned(estimates[key], 360.0 / effect.polar[2]))[0]
         is_integer = key in effect.parameters and effect.parameters[key].whole
         return _estimate_text(estimates[key], is_integer, form == "%")
 
@@ -244,8 +246,13 @@ def _first_direction(estimate: dict, count: int) -> dict:
     """The first of the directions, `count` of them evenly around, in which a harmonic of this
     phase is largest, deg from 0 on."""
     directions = {key: estimate[key] / count for key in ("value", "low", "high")}
-    turn = directions["value"] - directions["value"] % (360.0 / count)
-    return estimate | {key: direction - turn for key, direction in directions.items()}
+    return _turned(estimate | directions, 360.0 / count)
+
+
+def _turned(estimate: dict, period_deg: float) -> dict:
+    """A direction of diagnosis.json by whole periods, from 0 on."""
+    turn = estimate["value"] - estimate["value"] % period_deg
+    return estimate | {key: estimate[key] - turn for key in ("value", "low", "high")}
 
 
 def _is_unbounded(estimate: dict) -> bool:
