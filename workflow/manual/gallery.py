@@ -85,7 +85,9 @@ def write(folder: Path) -> None:
             continue
         case = drawn(name)
         words = "; ".join(map(truth_words, case.effects)) or NOTHING
-        rows.append({"name": name, "hidden": words, "found": found(case, folder / f"{name}.png")})
+        told = found(case, folder / f"{name}.png")
+        rows.append({"name": name, "hidden": words, "found": told})
+        rows.sort(key=lambda row: NAMES.index(row["name"]))
         with (
             atomic_path(path) as temporary,
             temporary.open("w", encoding="utf-8", newline="") as file,
@@ -93,7 +95,7 @@ def write(folder: Path) -> None:
             writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
             writer.writeheader()
             writer.writerows(rows)
-        print(f"{name}: {rows[-1]['found']}", flush=True)
+        print(f"{name}: {told}", flush=True)
 
 
 if __name__ == "__main__":
