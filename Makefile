@@ -1,4 +1,4 @@
-# make · make small · make paper · make concealed · make concealed_final · make demo-capture · make test · make test-long · make durations · make coverage · make rehearse · make cluster · make lint · make docs · make real · make bench · make accuracy · make clean
+# make · make small · make paper · make concealed · make concealed_final · make demo-capture · make test · make test-long · make durations · make coverage · make rehearse · make cluster · make lint · make docs · make gallery · make real · make bench · make accuracy · make clean
 # Needs Python 3.11 or 3.12 (PYTHON=… picks one); after the installs nothing needs the network.
 
 BIN := .venv/bin
@@ -36,7 +36,7 @@ export MKL_NUM_THREADS = 1
 export PYTHONDONTWRITEBYTECODE =
 
 .DELETE_ON_ERROR:
-.PHONY: run small paper concealed concealed_final demo-capture test test-long durations coverage rehearse cluster lint docs real bench mutants accuracy clean
+.PHONY: run small paper concealed concealed_final demo-capture test test-long durations coverage rehearse cluster lint docs gallery real bench mutants accuracy clean
 
 run: .venv/installed
 	@echo "eitskin: simulating, training and diagnosing on $(CORES) cores; Ctrl-C stops it, make again goes on"
@@ -115,6 +115,12 @@ lint: .venv/installed-test
 docs: .venv/installed-docs
 	@echo "eitskin: building the documentation; results/documentation/index.html"
 	@$(BIN)/sphinx-build -q -W --keep-going -b html -d results/documentation/.doctrees docs results/documentation
+
+gallery: .venv/installed-test
+	@echo "eitskin: simulating and diagnosing the recordings of the gallery that are not there, ten minutes; docs/gallery"
+	@mkdir -p docs/gallery
+	@$(BIN)/python -m manual.gallery docs/gallery
+	@$(BIN)/python -m manual
 
 real: .venv/installed
 	@if [ ! -d "$(EITSKIN_DATA)" ]; then \

@@ -8,6 +8,7 @@ extensions = ["myst_parser"]
 root_doc = "index"
 html_theme = "furo"
 html_title = "eitskin"
+html_show_copyright = False  # the licence is in the README
 exclude_patterns = ["sample"]
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3

@@ -109,6 +109,8 @@ def diagnosed(folder: Path, kind: str = "explained") -> tuple[Path, Path]:
         noise_dof=412.0,
         channels=CHANNELS,
         last=last.astype(int),
+        last_before_V=np.where(last[:, None], recorded - before, np.nan),
+        last_after_V=np.where(last[:, None], recorded - after, np.nan),
         last_channels=np.isin(CHANNELS[:, 0], (3, 11)) & (kind == "untouched"),
         **{
             name: frames[name]

@@ -62,7 +62,7 @@ def test_a_figure_is_in_it_once_and_categories_are_in_the_reader_s_order(report)
     assert sorted(categories) == ["1 Paper", "2 Concealed effects", "3 Diagnosis"]
     assert {path.rpartition(".")[2] for path in results} == {"svg", "csv", "md", "html"}
     figures = [path for path in results if path.endswith(".svg")]
-    assert len(figures) == 8 + 5 + 1  # of a diagnosis, of the score, one case
+    assert len(figures) == 9 + 5 + 1  # of a diagnosis, of the score, one case
     assert not {path.replace(".svg", ".csv") for path in figures} & set(results)
     held = results[figures[0]]["data_uri"].partition("base64,")[2]
     assert b"<svg " in base64.b64decode(held)

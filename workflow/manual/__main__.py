@@ -2,7 +2,7 @@
 rows: `python -m manual`."""
 
 from eitskin.atomic import atomic_path
-from manual import catalogue, gates, keys
+from manual import catalogue, gates, glossary, keys
 from manual.passages import filled
 from manual.rows import DOCS, ROOT
 
@@ -10,6 +10,7 @@ SHOWING_ROWS = (ROOT / "README.md", *sorted(DOCS.rglob("*.md")))
 PAGES = {
     "effects.md": catalogue.page,
     "gates.md": gates.page,
+    "glossary.md": glossary.page,
     "configuration.md": keys.configuration,
     "board.md": keys.board_file,
 }

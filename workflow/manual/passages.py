@@ -481,6 +481,17 @@ def sample() -> Iterable[str]:
     yield f"{before:.0f} to {after:.2g} noise units."
 
 
+def gallery() -> Iterable[str]:
+    """Each recording of the gallery: what was hidden, the first sentence of its report, its
+    picture."""
+    rows = pd.read_csv(ROOT / "docs" / "gallery" / "gallery.csv")
+    for name, hidden, found in rows.itertuples(index=False):
+        yield f"## {name.replace('-', ' ').capitalize()}"
+        yield f"\nHidden: {hidden}.\n"
+        yield f"> {found}\n"
+        yield f"![Error of every channel, {name}: before and after](gallery/{name}.png)\n"
+
+
 PASSAGES: dict[str, Callable[..., Iterable[str]]] = {
     passage.__name__: passage
     for passage in (
@@ -498,6 +509,7 @@ PASSAGES: dict[str, Callable[..., Iterable[str]]] = {
             sizes,
         ),
         *(tuning, tuning_quarter, ablation, limit, limit_ratios, lost_electrodes, speed, sample),
+        gallery,
         *(accuracy, verdicts),
     )
 }

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).parents[2]
 SAMPLE = ROOT / "docs" / "sample"
 WIDTH, HEIGHT = 1200, 900  # px: a laptop's window
-TALL = 1750  # px of the report: down to the misfit over the frames
 
 
 def screenshot_pages(folder: Path) -> dict[str, tuple[Path, int]]:
@@ -41,7 +40,7 @@ def screenshot_pages(folder: Path) -> dict[str, tuple[Path, int]]:
     return {
         "readme_picture": (SAMPLE / "picture.svg", HEIGHT),
         "docs_front_page": (html_folder / "index.html", HEIGHT),
-        "sample_report": (diagnosis_folder / "report.html", TALL),
+        "sample_report": (diagnosis_folder / "report.html", HEIGHT),
     }
 
 

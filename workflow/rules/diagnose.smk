@@ -12,6 +12,7 @@ EVIDENCE = [
 ]
 DIAGNOSIS_FIGURES = {
     "electrodes": "ring of electrodes",
+    "hidden": "error on readings that decided nothing",
     "residual_matrix": "residual of every channel",
     "misfit_force": "misfit against force",
     "misfit_time": "misfit against time",

@@ -63,13 +63,6 @@ def test_files_modules_and_targets_that_are_named_exist(page):
     assert set(A_TARGET.findall(text)) <= set(re.findall(r"^([\w-]+):", makefile, re.MULTILINE))
 
 
-def test_every_page_is_reached_from_the_index():
-    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
-    for page in PAGES[1:]:
-        name = page.relative_to(ROOT / "docs").as_posix()
-        assert name == "index.md" or f"({name})" in index, name
-
-
 @pytest.mark.parametrize("name", WRITTEN)
 def test_pages_from_the_code_are_as_it_is_now(name):
     assert (ROOT / "docs" / name).read_text(encoding="utf-8") == WRITTEN[name]()

@@ -94,6 +94,8 @@ def _contradictions(kind: type[Effect], names: Collection[str]) -> Iterator[tupl
         expected = f"some of {', '.join(kind.parameters)}"
         yield "combination", ", ".join(combination.parameters), expected
     placeholders = ["site", *kind.parameters, *(f"{key}:%" for key in kind.parameters)]
+    wholes = [key for key, parameter in kind.parameters.items() if parameter.whole]
+    placeholders += [f"{key}:{whole}" for key in kind.parameters for whole in wholes]
     for placeholder in re.findall(r"\{([^{}|]*)\}", kind.finding):
         if placeholder not in placeholders:
             yield "finding", f"{{{placeholder}}}", f"one of {', '.join(placeholders)}"

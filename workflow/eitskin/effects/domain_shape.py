@@ -12,6 +12,11 @@ from eitskin.quantities import number
 
 HARMONICS = 6  # highest harmonic from which a fit starts
 RIM = np.linspace(0.0, 2.0 * np.pi, 512, endpoint=False)
+SHIFTED = "The rim is {amplitude:%} of its radius off centre, towards {phase_deg:harmonic}."
+OVAL = (
+    "The rim is an oval: its half axis along {phase_deg:harmonic} is {amplitude:%} longer than the"
+    " radius, that across as much shorter."
+)
 NEWTON_STEPS = 8  # from the same angle; converges quadratically for rims near a disc
 
 
@@ -77,8 +82,8 @@ class DomainShape(SkinEffect):
     source = "Nissinen, Kolehmainen, Kaipio 2011"
     mend = "measure the rim"
     finding = (
-        "The rim is no circle: harmonic {harmonic} of its radius has an amplitude of"
-        " {amplitude:%} and a phase of {phase_deg}."
+        "The rim is no circle: it bulges at {harmonic} places by {amplitude:%} of its radius, the"
+        " first at {phase_deg:harmonic}."
     )
     shown_by = "absolute values, with touches at known places along the rim"
     confusable = ("anisotropy", "ellipse", "electrode-position", "conductivity-patch")
@@ -94,13 +99,13 @@ class DomainShape(SkinEffect):
         return harmonics + [{"harmonic": k, "carried": 1} for k in range(2, HARMONICS + 1)]
 
     def finding_at(self, values: dict) -> str:
-        """Harmonic 0 is no shape."""
-        if values.get("carried"):
-            return f"{self.finding[:-1]}, its electrodes carried along."
-        if values["harmonic"] > 0:
-            return self.finding
-        larger = np.cos(np.radians(values["phase_deg"])) > 0
-        return f"The skin is {{amplitude:%}} {'larger' if larger else 'smaller'} than it should be."
+        """Harmonic 0 is a size, 1 a shift, 2 an oval by its half axes, a higher one bulges."""
+        if values["harmonic"] == 0:
+            larger = np.cos(np.radians(values["phase_deg"])) > 0
+            size = "larger" if larger else "smaller"
+            return f"The skin is {{amplitude:%}} {size} than it should be."
+        text = {1: SHIFTED, 2: OVAL}.get(values["harmonic"], self.finding)
+        return f"{text[:-1]}, its electrodes carried along." if values.get("carried") else text
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry with this harmonic added to its rim."""

@@ -72,8 +72,11 @@ class Effect:
     confusable: names that look alike.
 
     finding: a diagnosis' sentence, for an experimentalist. Its {site} becomes the sites in words,
-    {key} a parameter with its interval, {key:%} as a percentage; of {one|several} the one that
-    agrees with the number of sites; [a part] is left out where a parameter in it is.
+    {key} a parameter with its interval, {key:%} as a percentage, {phase:number} as the first of so
+    many directions evenly around; of {one|several} the one that agrees with the number of sites;
+    [a part] is left out where a parameter in it is, or may be nothing beside one that is something.
+    opposite: a phrase of `finding`, and what stands there where all values of the one parameter
+    are below 0, which are then said without their sign.
     combination: what readings may determine of several parameters where they do not determine each.
     shown_by: the recording that would show the effect where another could not, as a noun phrase.
 
@@ -99,6 +102,7 @@ class Effect:
     source: str
     mend: str
     finding: str
+    opposite: tuple[str, str] | None = None
     combination: Combination | None = None
     shown_by: str
     confusable: tuple[str, ...] = ()

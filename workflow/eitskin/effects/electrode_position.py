@@ -45,6 +45,7 @@ class ElectrodePosition(SkinEffect):
     finding = (
         "{site} {sits|sit} {shift_deg} from where the drawing has {it|them}, towards larger angles."
     )
+    opposite = ("larger", "smaller")
     shown_by = "a recording with absolute values"
     confusable = ("domain-shape", "ellipse", "electrode-swap", "registration")
     identities = (Identity(("anisotropy", "domain-shape"), stretched_gel),)

@@ -13,6 +13,7 @@ class ForceLag(ForceEffect):
     source = "clocks of load cell and board"
     mend = "give load cell and board one clock"
     finding = "The load cell is {lag_s} late."
+    opposite = ("late", "early")
     shown_by = "presses whose force rises and falls fast, with several frames in each"
     confusable = ("hysteresis", "relaxation", "frame-skew")
 

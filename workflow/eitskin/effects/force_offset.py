@@ -16,6 +16,7 @@ class ForceOffset(ForceEffect):
         "The load cell's zero is off: while the skin is touched, the force is {offset_N} more"
         " than reported."
     )
+    opposite = ("more", "less")
     shown_by = "presses at many light forces"
     confusable = ("contact-law", "touch-contrast")
 

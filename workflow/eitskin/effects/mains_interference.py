@@ -21,10 +21,7 @@ class MainsInterference(InstrumentEffect):
     polar = ("volt", "phase_deg", 1)
     source = "a steady tone, sampled channel by channel"
     mend = "shield the leads, or integrate each reading over whole periods of the mains"
-    finding = (
-        "A steady tone of {frequency_Hz} is in the readings, {volt} at its peak[, with a phase of"
-        " {phase_deg}]."
-    )
+    finding = "A steady tone of {frequency_Hz} is in the readings, {volt} at its peak."
     shown_by = "a recording that says how long a frame takes, with a hundred untouched frames"
 
     def change(self, voltage: np.ndarray, setting: Setting, frames: Frames) -> np.ndarray:

@@ -18,6 +18,7 @@ class Offset(InstrumentEffect):
     source = "Hahn, Just, Dittmar, Hellige 2008"
     mend = "zero the amplifier at {site} with its inputs shorted"
     finding = "{site} {reads|read} {volt} too much."
+    opposite = ("much", "little")
     shown_by = "a recording with absolute values, some of them at another current"
     confusable = ("common-mode", "ground-leak")
 

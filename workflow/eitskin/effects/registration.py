@@ -58,8 +58,8 @@ class Registration(TouchEffect):
     source = "Touch with Insight, § II-B"
     mend = "touch three marks on the skin and fit the robot's frame to them"
     finding = (
-        "Touches are not where they are reported: they are turned by {rotation_deg} and shifted"
-        " by {dx_mm} along x and {dy_mm} along y."
+        "Touches are not where they are reported[, turned by {rotation_deg}][, shifted by {dx_mm}"
+        " along x][, shifted by {dy_mm} along y]."
     )
     shown_by = "touches at known places all over the skin"
     confusable = ("electrode-position",)

@@ -16,6 +16,7 @@ PAGES = ("compared", "untouched", "full")
 WIDTHS = (360, 800, 1400)
 PAPER = 680  # px: A4 between margins of 15 mm
 UNFOLDED = "() => document.querySelectorAll('details').forEach(each => each.open = true)"
+ANSWER_END = "() => document.querySelector('main').getBoundingClientRect().bottom + scrollY"
 LEAST = 4.5  # contrast of text that everyone reads: WCAG 2, AA
 
 
@@ -113,3 +114,46 @@ def test_it_can_be_read_out(shown):
 def test_it_is_silent_without_scripts_and_asks_for_nothing(shown):
     assert shown.page.locator("script").count() == 0
     assert shown.asked == [] and shown.said == []
+
+
+@pytest.fixture(scope="module", params=["explained", "unexplained", "candidate"])
+def answered(request, chromium, tmp_path_factory):
+    """Reports of three verdicts, folded as they open."""
+    kind = "partly-explained" if request.param == "candidate" else request.param
+    folder, recording = diagnosed(tmp_path_factory.mktemp(request.param), kind)
+    if request.param == "candidate":
+        with_rig(folder)
+    page.write(folder, recording, SCHEMA, folder / "report.html")
+    with opened(chromium, folder / "report.html") as document:
+        yield document
+
+
+def test_the_answer_is_on_the_first_screen_and_on_two_of_a_telephone(answered):
+    for width, height, screens in ((1400, 900, 1), (390, 844, 2)):
+        answered.page.set_viewport_size({"width": width, "height": height})
+        assert answered.page.evaluate(WIDER) <= 0
+        assert answered.page.evaluate(ANSWER_END) <= screens * height, width
+    assert not answered.page.locator("#proof").get_attribute("open")
+    assert answered.page.locator("#proof h2").first.is_hidden()
+    assert answered.asked == [] and answered.said == []
+
+
+def test_it_unfolds_by_keyboard_and_words_lead_to_the_glossary(answered):
+    answered.page.set_viewport_size({"width": 1400, "height": 900})
+    answered.page.locator("#proof > summary").focus()
+    answered.page.keyboard.press("Enter")
+    assert answered.page.locator("#proof h2").first.is_visible()
+    word = answered.page.locator("#proof a.term").first
+    assert word.get_attribute("title")
+    word.focus()
+    answered.page.keyboard.press("Enter")
+    assert answered.page.locator(word.get_attribute("href")).is_visible()
+
+
+def test_on_paper_the_answer_is_a_page_and_words_have_their_meaning(answered):
+    answered.page.emulate_media(media="print")
+    meaning = "one => getComputedStyle(one, '::after').content"
+    word = answered.page.locator("main a.term").first
+    assert word.evaluate(meaning) != "none"
+    assert answered.page.evaluate(WIDER) <= 0
+    answered.page.emulate_media(media="screen")

@@ -19,6 +19,7 @@ from eitskin.diagnose.search.gates import (
     REMAINDER,
     SIZE_INTERVAL,
     STANDS_OUT,
+    STATED_SIZE,
     SURE_GAIN,
     UNAFFECTED,
 )
@@ -60,14 +61,21 @@ def is_certain(found):
     (effect,) = said["effects"]
     assert effect["certain"] == (said["verdict"] == "explained")
     assert effect["sentence"].startswith("Perhaps") != effect["certain"]
-    assert ("candidates" in words.headline(said)) != effect["certain"]
+    assert ("nothing is certain" in words.headline(said)) != effect["certain"]
     return effect["certain"]
 
 
 def test_what_passes_every_gate_is_certain(found):
     assert is_certain(found)
     judged = values(found)
-    assert list(judged) == [SURE_GAIN, STANDS_OUT, DISTINCT, SIZE_INTERVAL, ACCEPTABLE]
+    assert list(judged) == [
+        SURE_GAIN,
+        STANDS_OUT,
+        DISTINCT,
+        SIZE_INTERVAL,
+        STATED_SIZE,
+        ACCEPTABLE,
+    ]
     assert all(judgement.passed for judgement in judged.values())
     assert judged[DISTINCT].place == found.gaps[0][0].rival
     decided = record._decisions(found).tail(len(judged))

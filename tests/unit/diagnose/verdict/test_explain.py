@@ -17,6 +17,7 @@ from eitskin.diagnose.search.gates import (
     REMAINDER,
     STANDS_OUT,
     STATED,
+    STATED_SIZE,
 )
 from eitskin.diagnose.search.journal import Decision
 from eitskin.diagnose.verdict import refusals
@@ -118,15 +119,20 @@ def test_a_candidate_among_the_effects_is_said_to_be_one_with_its_reasons():
         {"gate": EVIDENCE.name, "value": 1.0},
         {"gate": DISTINCT.name, "value": 9.0, "admitted": True},
     )
-    effects = [{"name": "offset", "certain": False}]
+    offset = {"name": "offset", "scope": "common", "parameters": {}}
+    effects = [offset | {"certain": False}]
     (sentence,) = refusals.sentences(table, {"effects": effects}, "offset")
     assert sentence == (
         "offset is named as a candidate: beyond what the calibrations can do its signature is 2"
         " noise units long; it is certain from 3 on; what has no name exceeds the gap to"
         f" the nearest other name by as much: {MINUS}1.50."
     )
-    (sentence,) = refusals.sentences(table, {"effects": [{"name": "offset"}]}, "offset")
+    (sentence,) = refusals.sentences(table, {"effects": [offset]}, "offset")
     assert sentence == "offset is named, and certain."
+    nothing = {"volt": {"value": 1.0, "low": -1.0, "high": 3.0, "unit": "V"}}
+    effects = [offset | {"certain": True, "parameters": nothing}]  # of an earlier version
+    (sentence,) = refusals.sentences(table.iloc[3:], {"effects": effects}, "offset")
+    assert sentence == f"offset is named as a candidate: {STATED_SIZE.refusal}."
 
 
 def test_every_name_of_the_catalogue_has_a_sentence_and_no_other():

@@ -1,4 +1,5 @@
-"""The answer of a diagnosis as HTML: its verdict, and each effect in words, numbers and advice."""
+"""The answer of a diagnosis as HTML: what is certain and what it changed, what is a little wrong
+everywhere, candidates, what is not known, and how to use it."""
 
 from html import escape
 
@@ -8,13 +9,11 @@ from eitskin.data import check
 from eitskin.diagnose.noise.noise_model import NORMAL_90
 from eitskin.diagnose.report.evidence import Evidence
 from eitskin.diagnose.report.markup import code, figure, numbers_unbroken
-from eitskin.diagnose.search.gates import NOTHING_UNNAMED
+from eitskin.diagnose.verdict import opening
 from eitskin.diagnose.verdict.words import (
     APPROXIMATELY,
     MOST_VALUES,
-    NATS,
     alternatives_sentence,
-    bound_sentences,
     headline,
     is_certain,
     last_scores,
@@ -28,88 +27,137 @@ from eitskin.diagnose.verdict.words import (
 from eitskin.effects.effect import SITES
 from eitskin.quantities import chance, interval, listed, number, quantity
 
-# Chi squared per degree of freedom above which shares of the misfit are given: with less than a
-# twentieth above the noise there is little to share.
-SHARED_MISFIT = 1.05
-SITE_NOUNS = {  # of members of families; else an electrode
+SITE_NOUNS = {  # of members of families
     "drive-gain": "the drive from electrode",
     "measurement-gain": "the measuring pair at electrode",
     "offset": "the measuring pair at electrode",
-    "rim-modes": "harmonic",
+    "electrode-position": "electrode",
+    "electrode-width": "electrode",
+    "contact-impedance": "electrode",
+    "ground-leak": "electrode",
 }
 TOUCH_COLUMNS = ["x_mm", "y_mm", "force_N", "probe_mm"]  # that the simulation of a touch needs
 
 
 def warnings(evidence: Evidence) -> str:
-    """What the check of the recording warns of; "" for nothing."""
+    """What the check of the recording warns of, folded unless it is unusable; "" for nothing."""
     report = check.check(evidence.recording)
-    items = [
-        f"<li>{escape(finding.topic)}: {escape(finding.sentence)}</li>"
-        for finding in (*report.of_severity(check.ERROR), *report.of_severity(check.WARNING))
-    ]
+    found = (*report.of_severity(check.ERROR), *report.of_severity(check.WARNING))
+    items = [f"<li>{escape(finding.topic)}: {escape(finding.sentence)}</li>" for finding in found]
     if not items:
         return ""
-    head = "The check of this recording warns:" if report.ok else "This recording is not usable:"
     advice = ""
     if report.of_topic("step"):
         advice = (
             "<p>What lies before a step and after it is diagnosed apart; <code>eitskin check</code>"
             " prints the commands that make a report of each part.</p>"
         )
-    return f"<div class='warning'><p>{head}</p><ul>{''.join(items)}</ul>{advice}</div>"
+    listing = f"<ul>{''.join(items)}</ul>{advice}"
+    if not report.ok:
+        return f"<div class='warning'><p>This recording is not usable:</p>{listing}</div>"
+    topics = listed([*dict.fromkeys(finding.topic for finding in found)])
+    head = f"The check of this recording warns: {escape(topics)}"
+    return f"<details class='warning'><summary>{head}</summary>{listing}</details>"
 
 
-def answer(evidence: Evidence, change_drawings: list[str]) -> str:
-    """The verdict, then each effect with its values, its evidence and what to do at the bench.
+def answer(evidence: Evidence, hidden: str) -> str:
+    """What is certain and what to do about it, what it changed, what is a little wrong everywhere,
+    what may be so, what is not known, and what to use it for; hidden: the picture of the error on
+    readings that decided nothing, as HTML."""
+    diagnosis = evidence.diagnosis
+    certain, candidates = opening.findings(diagnosis)
+    lead = opening.extent(diagnosis)
+    error = opening.error_sentence(diagnosis, evidence.reading_unit)
+    parts = [
+        f"<h1>{numbers_unbroken(opening.opening(diagnosis, evidence.channels))}</h1>",
+        f"<p>{numbers_unbroken(' '.join(filter(None, [lead, error])))}</p>",
+    ]
+    if certain:
+        parts.append(_findings("What is certain", certain, evidence))
+    changed = f"<div class='changed'>{hidden}</div>" if hidden else ""
+    rest = _families(diagnosis.get("families", []))
+    if candidates:
+        rest.append(_findings("Candidates, to be tried", candidates, evidence))
+    unknown = opening.unknown_sentences(diagnosis)
+    experiment = opening.experiment_sentence(diagnosis, evidence.experiment)
+    if unknown or experiment:
+        rest.append("<h2>What is not known</h2>")
+        items = [f"<li>{numbers_unbroken(sentence)}</li>" for sentence in unknown]
+        rest += [f"<ul>{''.join(items)}</ul>"] if items else []
+        rest += [f"<p><b>{numbers_unbroken(experiment)}</b></p>"] if experiment else []
+    rest.append(_use(evidence))
+    text = "\n".join(parts), "\n".join(rest)
+    return f"<main>\n<div>{text[0]}</div>\n{changed}\n<div>{text[1]}</div>\n</main>"
+
+
+def _findings(head: str, effects: list[dict], evidence: Evidence) -> str:
+    """Effects of diagnosis.json under a heading: each in a sentence, with what to do."""
+    items = []
+    for effect in effects:
+        effect_is_certain = is_certain(effect)
+        sentence = effect["sentence"] if effect_is_certain else opening.candidate_sentence(effect)
+        spoken = effect if effect_is_certain else opening.plainest(effect)
+        advice = repair_advice(spoken, evidence.channels)
+        html_class = "effect" if effect_is_certain else "effect candidate"
+        items.append(
+            f"<div class='{html_class}'><div><p>{numbers_unbroken(sentence)}</p>"
+            f"<p>At the bench: {escape(advice)}</p></div></div>"
+        )
+    return f"<h2>{head}</h2>\n{''.join(items)}"
+
+
+def _use(evidence: Evidence) -> str:
+    """How to use the corrected simulator."""
+    sentence, is_worth_training = opening.use_sentence(evidence.diagnosis)
+    text = sentence.replace("effects.yaml", "<code>effects.yaml</code>")
+    if is_worth_training:
+        text += (
+            " <code>eitskin train FOLDER</code>, the folder of this page, makes an estimator of"
+            " touches from it."
+        )
+    return f"<h2>Use it</h2>\n<p>{text}</p>"
+
+
+def names(evidence: Evidence, change_drawings: list[str]) -> str:
+    """The verdict with its misfit, and each effect with its values and its evidence.
 
     change_drawings: what each effect changes, as SVG, "" where it has no picture.
     """
     diagnosis = evidence.diagnosis
     scores = last_scores(diagnosis)
-    parts = [f"<h1>{headline(diagnosis)}</h1>"]
     before, after = (
         f"<span class='{key}'>{number(scores[f'chi2_per_dof_{key}'])}</span>"
         for key in ("before", "after")
     )
     change = f"is {before}"
-    if diagnosis["effects"]:
+    if diagnosis["effects"] or diagnosis.get("families"):
         own = own_sizes_misfit(evidence)
         aside = "" if own is None else f" ({number(own)} with the rig's errors as learned before)"
         change = f"goes from {before}{aside} to {after}"
     role = "that decided nothing" if evidence.has_last else "held out in turn"
-    parts.append(
+    parts = [
+        "<h2>The verdict</h2>",
+        f"<p>{headline(diagnosis)}</p>",
         f"<p>On {last_amount(evidence)} {role}, the misfit (χ² per degree of freedom) {change};"
-        f" {expected_misfit(evidence)}.</p>"
-    )
+        f" {expected_misfit(evidence)}.</p>",
+    ]
     parts += [f"<p>{sentence}</p>" for sentence in omitted_frames(evidence)]
-    if not NOTHING_UNNAMED.admits(diagnosis["other"]["probability"]):
-        parts.append(f"<p>What has no name: {escape(diagnosis['other']['sentence'])}</p>")
-    elif (
-        diagnosis["verdict"] == "partly-explained" and scores["chi2_per_dof_after"] > SHARED_MISFIT
-    ):
-        parts.append("<p>What is left there is more than the noise.</p>")
     if diagnosis["effects"]:
-        note = "A gain is over the best set without the effect, with another name in its place too."
+        note = (
+            "A gain, in nats, is over the best set without the name, another name in its place too."
+        )
         if len(diagnosis["effects"]) > 1:
             note += (
-                " A share of the misfit is what comes back without the effect; shares need not add"
+                " A share of the misfit is what comes back without the name; shares need not add"
                 " up to 100 %."
             )
-        parts.append(f"<p class='quiet'>Gains are told in nats: {NATS} {note}</p>")
+        parts.append(f"<p class='quiet'>{note}</p>")
     for k, effect in enumerate(diagnosis["effects"]):
         has_picture = any(change_drawings[k : k + 1])
         picture = _change_figure(k, change_drawings[k], evidence) if has_picture else ""
         parts.append(_effect(k + 1, effect, evidence, picture))
-    parts += _families(diagnosis.get("families", []))
-    parts += [
-        f"<p>{escape(sentence)}</p>" for sentence in bound_sentences(diagnosis["calibration"])
-    ]
     if diagnosis["effects"]:
-        parts.append(
-            "<p class='quiet'>Electrodes and channels are numbered from 0; brackets hold 90 %"
-            " intervals. The corrected simulator is <code>effects.yaml</code>, in the form that"
-            " the configuration takes.</p>"
-        )
+        parts.append("<p class='quiet'>Electrodes and channels are numbered from 0.</p>")
     if evidence.prediction is not None:
         parts.append(_prediction(evidence))
     return "\n".join(parts)
@@ -181,13 +229,11 @@ def _effect(rank: int, effect: dict, evidence: Evidence, picture: str) -> str:
     estimates = effect["parameters"] | effect.get("amounts", {})
     values = [_parameter(key, estimate, effect) for key, estimate in estimates.items()]
     paragraphs.append(f"<p>{'; '.join([head, *values])}.</p>")
-    bench = "At the bench" if effect_is_certain else "At the bench, to try"
-    paragraphs.append(f"<p>{bench}: {escape(repair_advice(effect, evidence.channels))}</p>")
     score = effect["evidence"]
     standard_error = float(f"{score['elpd_se']:.2g}")
     gain = f"gains {number(score['elpd_gain'])} ± {number(standard_error, 2)} nats"
     text = f"On what was held out in turn it {gain}"
-    if evidence.diagnosis["fit"]["held_out"]["chi2_per_dof_before"] > SHARED_MISFIT:
+    if evidence.diagnosis["fit"]["held_out"]["chi2_per_dof_before"] > opening.SHARED_MISFIT:
         share = f"It explains {number(100 * effect['share'])} % of the misfit of what was held out"
         text = f"{share} in turn, {gain} there"
     p_value = chance(score["p_value"])
@@ -195,8 +241,11 @@ def _effect(rank: int, effect: dict, evidence: Evidence, picture: str) -> str:
     if effect["alternatives"]:
         paragraphs.append(f"<p>{escape(alternatives_sentence(effect))}</p>")
     elif effect["gap"] is not None:
+        table = evidence.tables["identifiability"].set_index("name")
+        rival = table["nearest"].get(effect["name"])
+        nearest = f"the nearest other name, {code(rival)}," if rival else "the nearest other name"
         gap = number(effect["gap"])
-        paragraphs.append(f"<p>The gap to the nearest other name is {gap} in noise units.</p>")
+        paragraphs.append(f"<p>The gap to {nearest} is {gap} in noise units.</p>")
     else:
         paragraphs.append("<p>No other name looks like it.</p>")
     html_class = "effect" if effect_is_certain else "effect candidate"
@@ -205,18 +254,22 @@ def _effect(rank: int, effect: dict, evidence: Evidence, picture: str) -> str:
 
 
 def _families(entries: list[dict]) -> list[str]:
-    """What is a little wrong at every site: a sentence each, and the member farthest out."""
+    """What is a little wrong at every site: a sentence each, and the member farthest out; of a
+    rim, which has none, the sentence alone."""
     if not entries:
         return []
     items = []
     for entry in entries:
-        farthest = int(np.argmax(np.abs(entry["values"])))
-        sd, noun = entry["sd"], SITE_NOUNS.get(entry["name"], "electrode")
-        factor, unit = (100.0, "%") if sd["unit"] == "1" else (1.0, sd["unit"])
-        value, spread = (factor * entry[key][farthest] for key in ("values", "values_sd"))
-        text = interval(value, value - NORMAL_90 * spread, value + NORMAL_90 * spread, unit)
-        place = f"Farthest out is {noun} {entry['sites'][farthest]}, by {text}."
-        sentence = f"{entry['sentence']} {place}"
+        sentence = entry["sentence"]
+        if entry["name"] in SITE_NOUNS:
+            farthest = int(np.argmax(np.abs(entry["values"])))
+            factor, unit = (
+                (100.0, "%") if entry["sd"]["unit"] == "1" else (1.0, entry["sd"]["unit"])
+            )
+            value, spread = (factor * entry[key][farthest] for key in ("values", "values_sd"))
+            size = interval(value, value - NORMAL_90 * spread, value + NORMAL_90 * spread, unit)
+            place = f"{SITE_NOUNS[entry['name']]} {entry['sites'][farthest]}"
+            sentence += f" Farthest out is {place}, by {opening.INTERVAL.sub('', size)}."
         items.append(f"<li>{numbers_unbroken(sentence)}</li>")
     return ["<h2>A little wrong everywhere</h2>", f"<ul>{''.join(items)}</ul>"]
 

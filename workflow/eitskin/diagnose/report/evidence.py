@@ -79,10 +79,12 @@ class Evidence:
     noise_source: sd of a reading's noise, its degrees of freedom, and from what it was estimated;
     channels (M, 4): electrodes; frames: last (put aside), time_s, touch, x_mm, y_mm (of the skin),
     force_N, probe_mm, press, one row a frame; last_channels (M,): True for channels put aside in
-    place of frames; effect_changes (E, M): what each effect changes, over the noise's sd, in the
-    frame in which it changes most, change_frames (E,): the row of that frame, both empty in folders
-    of earlier versions; tables: by name, columns as in TABLES, NaN or "" where a cell is empty,
-    without those of OPTIONAL_TABLES that the folder lacks; experiment: sentence and pairs;
+    place of frames; last_before_V, last_after_V (N, M): recording minus simulation of what was put
+    aside, NaN elsewhere, and throughout in folders of earlier versions; effect_changes (E, M): what
+    each effect changes, over the noise's sd, in the frame in which it changes most, change_frames
+    (E,): the row of that frame, both empty in folders of earlier versions; tables: by name, columns
+    as in TABLES, NaN or "" where a cell is empty, without those of OPTIONAL_TABLES that the folder
+    lacks; experiment: sentence and pairs;
     prediction: time_s and the medians of std_V and |voltage_V| of each frame of a query, or None;
     recording: the recording diagnosed; file_hashes: SHA-256 by file name.
     """
@@ -96,6 +98,8 @@ class Evidence:
     channels: np.ndarray
     frames: pd.DataFrame
     last_channels: np.ndarray
+    last_before_V: np.ndarray
+    last_after_V: np.ndarray
     effect_changes: np.ndarray
     change_frames: np.ndarray
     tables: dict[str, pd.DataFrame]
@@ -194,10 +198,13 @@ def _residuals(path: Path) -> dict:
         if old in arrays:  # of earlier versions
             arrays.setdefault(new, arrays[old])
     arrays.setdefault("last_channels", np.zeros(shape[1], bool))
+    for name in ("last_before_V", "last_after_V"):
+        arrays.setdefault(name, np.full(shape, np.nan))
     arrays.setdefault("changes", np.zeros((0, shape[1])))
     arrays.setdefault("changed_frame", np.zeros(0, int))
     shapes = {"before": shape, "after": shape, "noise_V": shape[1:], "channels": (*shape[1:], 4)}
     shapes |= {"noise_source": (), "noise_dof": (), "last_channels": shape[1:]}
+    shapes |= {"last_before_V": shape, "last_after_V": shape}
     shapes |= {"changes": (len(arrays["changed_frame"]), shape[1])}
     shapes |= dict.fromkeys(FRAME_ARRAYS, shape[:1])
     for name, expected_shape in shapes.items():
@@ -215,6 +222,8 @@ def _residuals(path: Path) -> dict:
         "channels": arrays["channels"],
         "frames": frames.astype({"last": bool}),
         "last_channels": arrays["last_channels"].astype(bool),
+        "last_before_V": arrays["last_before_V"],
+        "last_after_V": arrays["last_after_V"],
         "effect_changes": arrays["changes"],
         "change_frames": arrays["changed_frame"],
     }

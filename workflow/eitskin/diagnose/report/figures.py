@@ -41,7 +41,7 @@ from eitskin.plotting import (
     sheet,
     style,
 )
-from eitskin.quantities import MINUS, number, power
+from eitskin.quantities import MINUS, number, power, prefixed, quantity
 
 TITLES = (("before", BEFORE), ("after", AFTER))  # of pairs of panels, and their colours
 DASHED: tuple[float, tuple[int, int]] = (0, (4, 2))  # the line of what noise alone gives
@@ -64,6 +64,7 @@ PALEST_SHARE = 1 / 3  # of the colours' limit: residuals within it may be noise
 FALL_SHARE = 0.05  # of the largest change: smaller falls look like no change
 # Areas of all dashes of a row, points²: by the widths of half a column and of a whole panel.
 DASH_POINTS, CHANGE_DASH_POINTS = 18.0, 50.0
+DARKENING = "YlOrBr"  # the darker the larger, without colours too; nothing of it is white
 REFERENCE = "#202020"  # nearly black: what is neither before nor after
 DASH = "#404040"  # dark enough for every cell that is lighter than half the limit
 SMALLEST_GAP = 0.1  # on a logarithmic axis, which has no 0
@@ -227,6 +228,42 @@ def _draw_tag(axes: Axes, place: complex, label: int | str) -> None:
     axes.text(place.real, place.imag, str(label), bbox=box | {"linewidth": 0.5}, **white, **CENTRED)
 
 
+def has_hidden_errors(evidence: Evidence) -> bool:
+    """Whether the folder has the errors of readings that decided nothing."""
+    return bool(np.isfinite(evidence.last_before_V).any())
+
+
+def hidden_error(evidence: Evidence) -> Figure:
+    """Root mean square error of the simulation in every channel, in the unit of the readings, on
+    those that decided nothing, before and after in one scale; one panel where nothing is
+    corrected. Where there are none, on the others."""
+    errors = [evidence.last_before_V, evidence.last_after_V]
+    if not has_hidden_errors(evidence):
+        residuals = evidence.residual_before, evidence.residual_after
+        errors = [residual * evidence.noise_sd_V for residual in residuals]
+    if not (evidence.diagnosis["effects"] or evidence.diagnosis.get("families")):
+        errors = errors[1:]
+    cells = [matrix(evidence.channels, np.sqrt(_frame_mean(error**2))) for error in errors]
+    factor, unit = prefixed(float(np.nanmax(cells)), evidence.reading_unit)
+    norm = Normalize(0.0, float(np.nanmax(cells)) / factor)
+    figure = column(62)
+    figure.set_layout_engine("compressed", w_pad=0.02, h_pad=0.02)  # of maps of equal scales
+    row = np.atleast_1d(figure.subplots(1, len(cells), sharey=True))
+    titles = TITLES if len(cells) > 1 else (("error", REFERENCE),)
+    for axes, panel, error, (title, colour) in zip(row, cells, errors, titles, strict=True):
+        image = draw_matrix(axes, evidence.channels, panel / factor, norm, DARKENING)
+        image.set_cmap(image.get_cmap().with_extremes(bad="white"))
+        rms = float(np.sqrt(np.nanmean(error**2)))
+        axes.set_title(f"{title}: {quantity(rms, evidence.reading_unit)}", color=colour)
+    row[0].set_ylabel("drive, source electrode")
+    row[0].invert_yaxis()
+    place: dict[str, Any] = {"location": "bottom", "aspect": 40, "shrink": 0.8, "pad": 0.03}
+    bar = figure.colorbar(image, ax=row, **place)
+    bar.set_label(f"error, root mean square, {unit}")
+    bar.outline.set_linewidth(0.4)
+    return figure
+
+
 def residual_matrix(evidence: Evidence) -> Figure:
     """Mean residual of every channel over the frames, in noise units, before and after."""
     figure = column(58)
@@ -377,9 +414,7 @@ def misfit_time(evidence: Evidence) -> Figure | str:
 
 def misfit_place(evidence: Evidence) -> Figure | str:
     """Chi squared per reading of the touches at each place, a map over the skin."""
-    has_place = evidence.frames[["x_mm", "y_mm"]].notna().all(axis=1)
-    chi2 = _chi2_per_reading(evidence)
-    is_mapped = (evidence.frames["touch"] & has_place).to_numpy() & np.isfinite(chi2).all(axis=0)
+    chi2, is_mapped = _chi2_per_reading(evidence), _is_mapped(evidence)
     if not is_mapped.any():
         return "No touch of known place, force and probe: there is no map of the misfit."
     electrode_deg, radius = electrode_layout(evidence)
@@ -412,6 +447,27 @@ def misfit_place(evidence: Evidence) -> Figure | str:
     bar.set_label("χ² per reading, mean over a place's touches; noise alone: 1")
     bar.outline.set_linewidth(0.4)
     return figure
+
+
+def unmapped_text(evidence: Evidence) -> str:
+    """How many touched places the map of the misfit leaves out, and why, a sentence; "" for
+    none."""
+    touched = evidence.frames[evidence.frames["touch"]]
+    places = touched[["x_mm", "y_mm"]].dropna().drop_duplicates()
+    mapped = evidence.frames.loc[_is_mapped(evidence), ["x_mm", "y_mm"]].drop_duplicates()
+    if not len(mapped) or len(mapped) == len(places):
+        return ""
+    return (
+        f" It has {len(mapped)} of {len(places)} places: at the others every touch was put aside,"
+        " or its force or probe is not known."
+    )
+
+
+def _is_mapped(evidence: Evidence) -> np.ndarray:
+    """(N,): touched frames of known place whose misfit is known before and after."""
+    has_place = evidence.frames[["x_mm", "y_mm"]].notna().all(axis=1)
+    chi2 = np.array(_chi2_per_reading(evidence))
+    return (evidence.frames["touch"] & has_place).to_numpy() & np.isfinite(chi2).all(axis=0)
 
 
 def _draw_outline(axes: Axes, electrode_deg: np.ndarray, radius: float) -> None:
@@ -586,6 +642,7 @@ def next_experiment(evidence: Evidence) -> Figure | str:
 
 
 FIGURES = {
+    "hidden": hidden_error,
     "electrodes": electrode_ring,
     "residual_matrix": residual_matrix,
     "misfit_force": misfit_force,

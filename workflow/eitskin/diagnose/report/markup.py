@@ -7,9 +7,23 @@ from html import escape
 CSS = """
 :root { color-scheme: light; background: #fff; }
 body { font: 15px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff; margin: 0 auto;
-  padding: 1.5em; max-width: 60em; }
+  padding: 1em 1.5em; max-width: 80em; }
 h1 { font-size: 1.5em; line-height: 1.25; margin: 0.2em 0; }
 h2 { font-size: 1.15em; margin: 2em 0 0.4em; border-bottom: 1px solid #ccc; }
+main { display: grid; grid-template-columns: minmax(0, 1fr); gap: 0 2em; }
+main h2 { margin: 0.8em 0 0.2em; border: 0; font-size: 1.05em; }
+main ul { margin: 0.2em 0; padding-left: 1.2em; }
+main .effect { margin: 0.4em 0; }
+main .effect > div > p:first-of-type { font-size: 1em; }
+main figure { margin: 0.4em 0; max-width: 34em; }
+@media (min-width: 60em) { main { grid-template-columns: minmax(0, 1fr) minmax(0, 30em);
+    grid-template-rows: auto 1fr; }
+  main > .changed { grid-column: 2; grid-row: 1 / span 2; }
+  main > div { grid-column: 1; } }
+details { margin: 1em 0; } details > summary { cursor: pointer; font-weight: 600; }
+details#proof > summary { font-size: 1.15em; }
+a.term { color: inherit; text-decoration: underline dotted; }
+dt { font-weight: 600; margin-top: 0.5em; } dd { margin: 0 0 0 1.2em; max-width: 46em; }
 h3 { font-size: 1em; margin: 1.2em 0 0.3em; }
 p { margin: 0.4em 0; max-width: 46em; }
 .quiet, .caption, figcaption { color: #595959; }
@@ -35,7 +49,8 @@ td.n, th.n { text-align: right; white-space: nowrap; font-variant-numeric: tabul
 code { font-size: 0.93em; overflow-wrap: anywhere; } .kept { white-space: nowrap; }
 @media screen { td code { white-space: nowrap; }
   td:nth-child(n + 4):last-child:not(.n) { min-width: 18em; } }
-@media print { body { font-size: 10pt; padding: 0; max-width: none; } .wide { overflow: visible; }
+@media print { a.term::after { content: " (" attr(title) ")"; font-size: 0.87em; }
+  body { font-size: 10pt; padding: 0; max-width: none; } .wide { overflow: visible; }
   tr, .row, .effect { break-inside: avoid; } h2, h3, thead { break-after: avoid; } }
 """
 

@@ -6,13 +6,16 @@ from pathlib import Path
 from eitskin import cores, plotting
 from eitskin.atomic import atomic_path
 from eitskin.diagnose.report import figures, sections
-from eitskin.diagnose.report.answer import answer, warnings
+from eitskin.diagnose.report.answer import answer, names, warnings
 from eitskin.diagnose.report.evidence import Evidence, read
+from eitskin.diagnose.report.glossary import glossary, with_terms
 from eitskin.diagnose.report.markup import document, figure, figure_row
 
 CAPTIONS = {
     "electrodes": "The ring of electrodes, numbered from 0. Numbers in discs mark what is named"
     " above, at its electrodes or place; arrows are drives, dotted lines measuring pairs.",
+    "hidden": "Error of the simulation in every channel, before and after, in one scale: the darker"
+    " the larger. {of}{after} White: not read.",
     "residual_matrix": "Every channel: what the simulation leaves, in one colour scale, or in one"
     f" each where they differ by more than {figures.LARGEST_SCALE_RATIO} times. A dash: well below"
     " the simulation. Grey: channels that are not read. An electrode's fault shows as its two rows"
@@ -82,12 +85,13 @@ def page(evidence: Evidence, drawings: dict[str, str], change_drawings: list[str
     change_drawings: what each effect changes, as SVG, "" where it has no picture.
     """
     name = escape(evidence.diagnosis["recording"])
-    shown = {key: figure(key, drawings[key], CAPTIONS[key]) for key in figures.FIGURES}
-    elements = [
-        f"<p class='quiet'>Diagnosis of {name}</p>",
-        warnings(evidence),
-        answer(evidence, change_drawings),
-        sections.parts(evidence),
+    captions = CAPTIONS | {
+        "hidden": CAPTIONS["hidden"].format(**sections.hidden_caption(evidence)),
+        "misfit_place": CAPTIONS["misfit_place"] + figures.unmapped_text(evidence),
+    }
+    shown = {key: figure(key, drawings[key], captions[key]) for key in figures.FIGURES}
+    proof = [
+        names(evidence, change_drawings),
         "<h2>Where</h2>",
         figure_row(shown["electrodes"], shown["residual_matrix"]),
         "<h2>Where the misfit is, and where it went</h2>",
@@ -106,4 +110,14 @@ def page(evidence: Evidence, drawings: dict[str, str], change_drawings: list[str
         sections.noise(evidence),
         sections.record(evidence),
     ]
-    return document(f"Diagnosis of {name}", "\n".join(filter(None, elements)))
+    elements = [
+        f"<p class='quiet'>Diagnosis of {name}</p>",
+        answer(evidence, shown["hidden"]),
+        warnings(evidence),
+        sections.parts(evidence),
+        "<details id='proof'><summary>How we know</summary>",
+        *filter(None, proof),
+        "</details>",
+    ]
+    body = with_terms("\n".join(filter(None, elements)))
+    return document(f"Diagnosis of {name}", f"{body}\n{glossary()}")

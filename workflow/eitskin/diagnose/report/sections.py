@@ -9,6 +9,7 @@ import pandas as pd
 
 from eitskin.diagnose.report.answer import expected_misfit, last_amount, own_sizes_misfit
 from eitskin.diagnose.report.evidence import Evidence
+from eitskin.diagnose.report.figures import has_hidden_errors
 from eitskin.diagnose.report.markup import code, figure_row, numbers_unbroken, table
 from eitskin.diagnose.search.gates import CLEARLY_DISTINCT, DISTINCT
 from eitskin.diagnose.search.journal import CUT_SHORT, START
@@ -16,13 +17,14 @@ from eitskin.diagnose.verdict import refusals, rig_words
 from eitskin.diagnose.verdict.atlas import DISCOVERY
 from eitskin.diagnose.verdict.words import (
     frame_range,
+    is_certain,
     last_scores,
     part_sentences,
     sites_text,
     value_texts,
 )
 from eitskin.effects import catalogue_names
-from eitskin.quantities import NONE, chance, number, percent, quantity
+from eitskin.quantities import NONE, chance, listed, number, percent, quantity
 
 MOST_ROWS = 25  # of one atlas: with their sentences they fill a page of paper
 LEAST_STRENGTH = 0.01  # noise units: weaker signatures differ in nothing that matters
@@ -49,14 +51,31 @@ def parts(evidence: Evidence) -> str:
     return "\n".join(lines)
 
 
+def corrected_by(evidence: Evidence) -> str:
+    """With what the simulation after differs from that before, a phrase; "" for nothing."""
+    diagnosis = evidence.diagnosis
+    causes = [effect for effect in diagnosis["effects"] if is_certain(effect)]
+    parts = ["what is certain"] if causes else []
+    parts += ["the candidates"] if len(causes) < len(diagnosis["effects"]) else []
+    parts += ["what is a little wrong everywhere"] if diagnosis.get("families") else []
+    return f"with {listed(parts)}" if parts else ""
+
+
+def hidden_caption(evidence: Evidence) -> dict[str, str]:
+    """What the caption of the error before and after says of its readings, and of after."""
+    of = "On the readings that the diagnosis never used."
+    if not has_hidden_errors(evidence):
+        of = "On the readings that the diagnosis used: none that it did not are kept here."
+    after = corrected_by(evidence)
+    return {"of": of, "after": f" After: {after}." if after else ""}
+
+
 def misfit_legend(evidence: Evidence) -> str:
     """What the figures of the misfit show, and what before and after stand for."""
     white_noise = "Noise alone gives 1."
     if evidence.has_rig_errors:
         white_noise = "Here it is white noise, which alone gives 1; the rig's errors come on top."
-    after = "the same, for nothing is named"
-    if evidence.diagnosis["effects"]:
-        after = "with what is named above"
+    after = corrected_by(evidence) or "the same, for nothing is named"
     return (
         "<p>Misfit is χ² per reading: the mean square of recording minus simulation in units of"
         f" the noise. {white_noise} <span class='before'>Before</span>: what its owner"

@@ -553,6 +553,16 @@ SIZE_INTERVAL = Gate(
     "effects that some value turns into none",
     "the 90 % interval of its size holds the value of no effect: that of {value} ends there",
 )
+STATED_SIZE = Gate(
+    "stated-size",
+    "no stated 90 % interval of the effect's size holds the value of no effect",
+    1,
+    "at least",
+    "certainty",
+    "what is stated must not contradict what is called certain",
+    "effects that some value turns into none",
+    "the 90 % interval that is stated of its size holds the value of no effect",
+)
 ACCEPTABLE = Gate(
     "acceptable",
     "p-value of the chi squared of the folds left out",

@@ -21,6 +21,7 @@ from eitskin.diagnose.search.gates import (
     SIZE_INTERVAL,
     STANDARD_ERRORS,
     STANDS_OUT,
+    STATED_SIZE,
     SURE_GAIN,
     UNAFFECTED,
     Gate,
@@ -28,6 +29,7 @@ from eitskin.diagnose.search.gates import (
 from eitskin.diagnose.search.prediction import acceptance_p_value
 from eitskin.diagnose.search.refits import reduced
 from eitskin.diagnose.verdict.diagnosis import Diagnosis
+from eitskin.diagnose.verdict.nothing import holds_nothing
 
 
 class Judgement(NamedTuple):
@@ -53,7 +55,8 @@ def certainty(diagnosis: Diagnosis, index: int) -> list[list[Judgement]]:
 
     Frames left out are predicted better with it than by the best set without it, or it stands out
     of its family; the calibrations
-    and every other name are told apart from it; its size is not none; the fit is acceptable, or
+    and every other name are told apart from it; its size is not none, by its interval and by what
+    is stated of it; the fit is acceptable, or
     what it leaves does not touch the effect; and the remainder, where there probably is one, could
     not tell it from another name and is at none of its sites.
     """
@@ -70,6 +73,7 @@ def certainty(diagnosis: Diagnosis, index: int) -> list[list[Judgement]]:
     interval = size_interval(diagnosis.explanation.fit, index)
     if interval is not None:
         items.append([Judgement(SIZE_INTERVAL, interval)])
+        items.append([Judgement(STATED_SIZE, _states_something(diagnosis, index))])
     acceptance = Judgement(ACCEPTABLE, held_out_p(diagnosis))
     items.append([acceptance])
     if not acceptance.passed:
@@ -128,6 +132,17 @@ def size_interval(fit: Fitted, index: int) -> float | None:
             distance = theta[at] @ np.linalg.solve(covariance[np.ix_(at, at)], theta[at])
             probabilities.append(float(chi2.cdf(distance, len(at))))
     return max(probabilities)
+
+
+def _states_something(diagnosis: Diagnosis, index: int) -> float:
+    """1 where what diagnosis.json states of effect `index` leaves out no effect, else 0."""
+    fit = diagnosis.explanation.fit
+    parameters = estimates(fit, index)
+    candidate = fit.effects[index]
+    stated = {"name": candidate.name, "scope": candidate.scope, "parameters": parameters}
+    if combined := amounts(fit, index, parameters):
+        stated["amounts"] = combined
+    return float(not holds_nothing(stated))
 
 
 def _unaffected_p(diagnosis: Diagnosis, index: int) -> float:

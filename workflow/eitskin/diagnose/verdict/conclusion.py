@@ -8,7 +8,6 @@ import numpy as np
 
 from eitskin.diagnose.fitting.estimates import amounts, calibration, estimates
 from eitskin.diagnose.fitting.family_sizes import standing_out
-from eitskin.diagnose.fitting.fit import Problem
 from eitskin.diagnose.fitting.held_out import HeldOut
 from eitskin.diagnose.fitting.readings import reserve_problem
 from eitskin.diagnose.fitting.reserve import Reserve
@@ -119,22 +118,30 @@ def _fit(diagnosis: Diagnosis) -> dict:
     white = {key: _whitened_by(noise_whitening, held_out) for key, held_out in predictions.items()}
     mask = diagnosis.search.problem.whitening.mask
     fit = {"held_out": _scores(mask, predictions, white)}
-    last = reserve_problem(
-        diagnosis.noise_problem, diagnosis.recording, diagnosis.noise, diagnosis.reserve_mask
-    )
+    last = reserve_of(diagnosis)
     if last is not None:
         fit["last"] = _last(diagnosis, last)
     return fit
 
 
-def _last(diagnosis: Diagnosis, problem: Problem) -> dict:
-    """`fit.last` of diagnosis.json; problem: of the reserved readings. Before and after are in the
-    covariance that was learned with the explanation, before also in its own."""
+def reserve_of(diagnosis: Diagnosis) -> Reserve | None:
+    """The readings that no decision read, in the covariance that was learned with the explanation;
+    None where none were put aside."""
+    problem = reserve_problem(
+        diagnosis.noise_problem, diagnosis.recording, diagnosis.noise, diagnosis.reserve_mask
+    )
+    if problem is None:
+        return None
+    return Reserve(problem, diagnosis.explanation.error_sds, diagnosis.search.converter_step)
+
+
+def _last(diagnosis: Diagnosis, reserve: Reserve) -> dict:
+    """`fit.last` of diagnosis.json; before also in the covariance that was learned without an
+    effect."""
     baseline, explanation = diagnosis.baseline, diagnosis.explanation
-    reserve = Reserve(problem, explanation.error_sds, diagnosis.search.converter_step)
     fits = {"before": baseline.fit, "after": explanation.fit}
     scores = _scores(
-        problem.whitening.mask,
+        reserve.problem.whitening.mask,
         {key: reserve.prediction(fit) for key, fit in fits.items()},
         {key: reserve.noise_prediction(fit) for key, fit in fits.items()},
     )

@@ -5,14 +5,14 @@ from eitskin.quantities import interval, listed, number
 
 TOLD_SHARE = 0.01  # of the held-out misfit: less is not worth a sentence
 SENTENCES = {  # on a family; its sd as {sd}, in the unit of a reader
-    "drive-gain": "The current differs from drive to drive by {sd}.",
-    "measurement-gain": "The gain differs from measuring pair to measuring pair by {sd}.",
-    "offset": "Each measuring pair has an offset, of {sd}.",
-    "electrode-position": "Each electrode is a little off its place, by {sd}.",
-    "electrode-width": "The electrodes' widths scatter by {sd}.",
-    "contact-impedance": "The electrodes' contact impedances scatter by {sd}.",
-    "ground-leak": "Each electrode leaks a little to ground, through {sd}.",
-    "rim-modes": "The rim is a little out of round, by {sd} of its radius a harmonic.",
+    "drive-gain": "All drives carry their current to {sd}.",
+    "measurement-gain": "All measuring pairs read true to {sd}.",
+    "offset": "All measuring pairs have their zero to {sd}.",
+    "electrode-position": "All electrodes are in their places to {sd}.",
+    "electrode-width": "All electrodes have their width to {sd}.",
+    "contact-impedance": "All contacts are alike to {sd}.",
+    "ground-leak": "All electrodes leak a little to ground, through about {sd}.",
+    "rim-modes": "The rim is round to {sd} of its radius.",
 }
 NAMES = {
     "drive-gain": "the drives' currents",
@@ -36,8 +36,8 @@ def family_sentence(family: dict) -> str:
     text = SENTENCES[family["name"]].replace("{sd}", size)
     if family["share"] >= TOLD_SHARE:
         share = f"{number(100.0 * family['share'])} %"
-        text += f" Without it {share} of the misfit of what was held out comes back."
+        text += f" It accounts for {share} of the misfit."
     if family["confused_with"]:
         others = listed([NAMES[name] for name in family["confused_with"]])
-        text += f" It cannot be told from {others}."
+        text += f" This recording cannot tell it from {others}."
     return text

@@ -14,7 +14,7 @@ from eitskin.diagnose.search.journal import Journal
 from eitskin.diagnose.search.refits import as_reported
 from eitskin.diagnose.verdict import corrected
 from eitskin.diagnose.verdict.certainty import certainty
-from eitskin.diagnose.verdict.conclusion import document, unobservable
+from eitskin.diagnose.verdict.conclusion import document, reserve_of, unobservable
 from eitskin.diagnose.verdict.diagnosis import Diagnosis
 from eitskin.diagnose.verdict.experiment import propose
 from eitskin.effects import EFFECTS, catalogue_names
@@ -93,6 +93,12 @@ def _arrays(diagnosis: Diagnosis) -> dict[str, np.ndarray]:
     problem = replace(baseline.problem, whitening=diagnosis.named_fit.problem.whitening)
     frames = diagnosis.recording.frames
     changes, changed_frame = _changes(diagnosis, mask)
+    reserve = reserve_of(diagnosis)
+    last = {f"last_{key}_V": np.full(mask.shape, np.nan) for key in ("before", "after")}
+    if reserve is not None:
+        for key, fit in (("before", baseline), ("after", fitted)):
+            error = reserve.noise_prediction(fit).residual
+            last[f"last_{key}_V"] = np.where(reserve.problem.whitening.mask, error, np.nan)
     return {
         "before": np.where(mask, problem.residual(baseline.theta, baseline.effects), np.nan),
         "after": np.where(mask, diagnosis.named_fit.residual, np.nan),
@@ -102,6 +108,7 @@ def _arrays(diagnosis: Diagnosis) -> dict[str, np.ndarray]:
         "channels": diagnosis.recording.channels,
         "last": diagnosis.reserve_mask.all(axis=1).astype(int),
         "last_channels": diagnosis.reserve_mask.all(axis=0),
+        **last,
         "press": search.problem.model.press,
         "recorded_V": search.problem.readings,
         "before_V": as_reported(search, baseline),

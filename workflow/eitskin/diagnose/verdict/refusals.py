@@ -126,6 +126,8 @@ def _named_sentence(entry: dict, decisions: pd.DataFrame) -> str:
     rows = decisions[(decisions["name"] == entry["name"]) & ~decisions["admitted"]]
     rows = rows[rows["gate"].isin(certainty)]
     reasons = [BY_NAME[row.gate].refusal_text(row.value, row.place) for row in rows.itertuples()]
+    if not reasons:  # an earlier version, without that gate, called it certain
+        reasons = [gates.STATED_SIZE.refusal]
     return f"{entry['name']} is named as a candidate: {'; '.join(reasons)}."
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from eitskin.data.check.unlabelled import stretch_text
 from eitskin.diagnose.fitting.estimates import UNINFORMATIVE_RATIO
+from eitskin.diagnose.verdict.nothing import holds_nothing, may_be_none, measures_size
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import Effect, site_of
 from eitskin.quantities import interval, listed, number, quantity, written_alike
@@ -41,9 +42,12 @@ VERDICTS = {
 }
 MOST_LISTED, NEAREST = 6, 3  # sites, and names of alternatives; of more names the nearest
 CANDIDATES = (
-    "The simulation leaves something out; names below that begin with Perhaps are candidates: the"
-    " misfit that is left may account for them, another name or a calibration might do the same, or"
-    " their gain or their size may be chance."
+    "The simulation leaves something out; nothing is certain yet, and what begins with Perhaps is"
+    " to be tried."
+)
+SOME_CERTAIN = (
+    "The simulation leaves something out; what begins with Perhaps is to be tried, the rest is"
+    " certain."
 )
 CALIBRATIONS = {
     "conductivity_S_per_m": "the gel's conductivity",
@@ -64,6 +68,16 @@ NATS = (
     "1 nat more, and what was held out is predicted e = 2.7 times more probably; 10 nats, 22000"
     " times."
 )
+UNTOLD = {  # parameters, as a reader is told that they cannot be told
+    "tau_s": "time constant",
+    "range_mm": "range",
+    "depth_mm": "depth",
+    "electrode_height_mm": "electrodes' height",
+    "electrode_z_mm": "electrodes' level",
+    "limit_V": "limit",
+    "cubic": "curvature",
+    "F_mid_N": "middle force",
+}
 APPROXIMATELY = "about"  # before many values that their intervals cannot distinguish
 BOUNDS = {"low": "least", "high": "largest"}
 UNITS = {"V": "V", "ohm": "Ω", "arbitrary": "arbitrary units"}  # of readings
@@ -89,8 +103,9 @@ def place_text(effect: dict) -> str:
 
 
 def is_certain(entry: dict) -> bool:
-    """Whether an effect of diagnosis.json is a finding; else it is a candidate."""
-    return entry.get("certain", True)
+    """Whether an effect of diagnosis.json is a finding; else it is a candidate, as one of an
+    earlier version is whose stated size may be nothing."""
+    return entry.get("certain", True) and not holds_nothing(entry)
 
 
 def last_scores(diagnosis: dict) -> dict:
@@ -101,9 +116,10 @@ def last_scores(diagnosis: dict) -> dict:
 
 def headline(diagnosis: dict) -> str:
     """The verdict of diagnosis.json in a sentence."""
-    if all(is_certain(effect) for effect in diagnosis["effects"]):
+    certainties = [is_certain(effect) for effect in diagnosis["effects"]]
+    if all(certainties):
         return VERDICTS[diagnosis["verdict"]]
-    return CANDIDATES
+    return SOME_CERTAIN if any(certainties) else CANDIDATES
 
 
 def sentences(diagnosis: dict) -> list[str]:
@@ -154,19 +170,30 @@ def part_sentences(diagnosis: dict) -> list[tuple[str, list[str]]]:
 
 def effect_sentence(entry: dict, effect: Effect) -> str:
     """An effect of diagnosis.json in a sentence: its `finding`, sites and values filled in; of a
-    candidate, with a perhaps. Values that might be anything are named as such, where the sentence
-    does without them; `amounts` stand for the values that they combine."""
+    candidate, with a perhaps. Where the sentence does without them, values that might be anything
+    are named as such, and sizes that may be nothing left out beside one that is something;
+    `amounts` stand for the values that they combine."""
     estimates = entry["parameters"]
     values = {key: estimate["value"] for key, estimate in estimates.items()}
     text = effect.finding_at(values)
     if "amounts" in entry and effect.combination is not None:
         text, estimates = effect.combination.finding(values), estimates | entry["amounts"]
+    if effect.opposite is not None and _are_negative(estimates):
+        text = text.replace(*effect.opposite)
+        estimates = {key: _negated(estimate) for key, estimate in estimates.items()}
     optional = {key.partition(":")[0] for p in PART.findall(text) for key in GAP.findall(p)}
     unbounded = [key for key in estimates if key in optional and _is_unbounded(estimates[key])]
+    sizes = {
+        key: bool(np.all(may_be_none(effect, key, estimates[key])))
+        for key in estimates
+        if key in effect.parameters and measures_size(effect, key)
+    }
+    nothing = [] if all(sizes.values()) else [key for key in sizes if sizes[key]]
 
     def part(match: re.Match) -> str:
         keys = [key.partition(":")[0] for key in GAP.findall(match[1])]
-        return match[1] if all(key in estimates and key not in unbounded for key in keys) else ""
+        left_out = {*unbounded, *nothing}
+        return match[1] if all(key in estimates and key not in left_out for key in keys) else ""
 
     def fill(match: re.Match) -> str:
         if "|" in match[1]:
@@ -174,12 +201,17 @@ def effect_sentence(entry: dict, effect: Effect) -> str:
         if match[1] == "site":
             return _all_sites(entry, effect)
         key, _, form = match[1].partition(":")
+        if form in estimates:
+            return value_texts(_first_direction(estimates[key], int(estimates[form]["value"])))[0]
+        if effect.polar is not None and key == effect.polar[1]:
+            return value_texts(_turned(estimates[key], 360.0 / effect.polar[2]))[0]
         is_integer = key in effect.parameters and effect.parameters[key].whole
         return _estimate_text(estimates[key], is_integer, form == "%")
 
     text = GAP.sub(fill, PART.sub(part, text))
     if unbounded:
-        text += f" Its {listed(unbounded)} cannot be told from these readings."
+        quantities = [UNTOLD.get(key, key) for key in unbounded]
+        text += f" These readings do not tell its {listed(quantities)}."
     if not is_certain(entry):
         return f"Perhaps {text[0].lower()}{text[1:]}"
     return f"{text[0].upper()}{text[1:]}"
@@ -192,6 +224,35 @@ def alternatives_sentence(effect: dict) -> str:
     if len(names) > MOST_LISTED:
         names = [*names[:NEAREST], f"{len(names) - NEAREST} further names"]
     return f"This recording cannot tell it from {listed(names)}." if names else ""
+
+
+def _are_negative(estimates: dict) -> bool:
+    return all(np.max(estimate["value"]) < 0.0 for estimate in estimates.values())
+
+
+def _negated(estimate: dict) -> dict:
+    """An estimate of diagnosis.json with the opposite sign, its interval turned round."""
+    ends = {"value": "value", "low": "high", "high": "low"}
+    negated = {key: (-np.array(estimate[source])).tolist() for key, source in ends.items()}
+    if "at_bound" in estimate:
+        turned = {"low": "high", "high": "low", None: None}
+        bounds = estimate["at_bound"]
+        is_list = isinstance(bounds, list)
+        negated["at_bound"] = [turned[b] for b in bounds] if is_list else turned[bounds]
+    return estimate | negated
+
+
+def _first_direction(estimate: dict, count: int) -> dict:
+    """The first of the directions, `count` of them evenly around, in which a harmonic of this
+    phase is largest, deg from 0 on."""
+    directions = {key: estimate[key] / count for key in ("value", "low", "high")}
+    return _turned(estimate | directions, 360.0 / count)
+
+
+def _turned(estimate: dict, period_deg: float) -> dict:
+    """A direction of diagnosis.json by whole periods, from 0 on."""
+    turn = estimate["value"] - estimate["value"] % period_deg
+    return estimate | {key: estimate[key] - turn for key in ("value", "low", "high")}
 
 
 def _is_unbounded(estimate: dict) -> bool:
@@ -213,6 +274,8 @@ def repair_advice(effect: dict, channels: np.ndarray) -> str:
     if kind == "channels" and of_electrode:
         electrode_of_channel = site_of(catalogue_effect.sites[0], channels)
         sites = sorted({int(electrode) for electrode in electrode_of_channel[sites]})
+    if effect["scope"] == "dense" and len(sites) > MOST_LISTED:
+        sites = []  # all of them
     for noun in ("electrode", "channel"):
         if not sites:
             text = text.replace(f"{noun}s {{site}}", f"all {noun}s")
