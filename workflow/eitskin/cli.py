@@ -19,7 +19,8 @@ from threadpoolctl import threadpool_limits
 from eitskin import answers
 from eitskin.atomic import held_folder
 from eitskin.capture import cli as rig
-from eitskin.data import check, importers, recording, stated, subset
+from eitskin.data import check, importers, recording
+from eitskin.data.reading import read
 from eitskin.data.recording import Recording
 from eitskin.diagnose.fitting.excerpt import LIMIT_GIB
 from eitskin.errors import InputError, named, printable, refused
@@ -254,13 +255,9 @@ def _load(
     part: str | None = None,
 ) -> Recording:
     """A recording, or a stretch of it, with its owner's statements about channels and skin."""
-    protocol = arguments.order, arguments.drive, arguments.measure
-    statements = {} if arguments.skin is None else stated.read(arguments.skin)
-    recorded = importers.load(
-        file, arguments.format, *protocol, part, arguments.array, arguments.frequency
-    )
-    recorded = stated.apply(statements, recorded, arguments.skin)
-    return recorded if frames is None else subset.stretch(recorded, *frames, file)
+    keys = ("format", "order", "drive", "measure", "array", "frequency")
+    settings = {key: getattr(arguments, key) for key in keys}
+    return read(file, arguments.skin, frames, part=part, **settings)
 
 
 def _stem(file: str, frames: tuple[int, int] | None) -> str:
