@@ -20,7 +20,7 @@ import eitskin
 from eitskin import peers
 from eitskin.data.recording import Recording, presses
 from eitskin.physics.geometry import Geometry
-from eitskin.scripting import Simulator
+from eitskin.simulators import Simulator
 
 P, LAMBDA = 0.5, 0.01  # pyEIT's own example of a dynamic image
 HALF = 0.5
@@ -66,7 +66,7 @@ def main() -> int:
     parser.add_argument("out")
     arguments = parser.parse_args()
     recorded = eitskin.read(Path(arguments.folder) / "recording.parquet")
-    simulator = eitskin.diagnose(recorded).simulator  # type: ignore[operator]  # a package, called
+    simulator = eitskin.diagnose(recorded).simulator
     table(recorded, simulator).to_csv(arguments.out, index=False, float_format="%.3f")
     return 0
 

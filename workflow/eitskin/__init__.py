@@ -1,7 +1,7 @@
 """eitskin: physics, learning and diagnosis of EIT tactile skins.
 
 From Python: `read`, `simulate`, `jacobian`, `effect_jacobian`, `diagnose`, `compare`, `Report`,
-`Simulator` (`eitskin.data.reading`, `eitskin.scripting`). They are imported on first use.
+`Simulator` (`eitskin.scripting`, `eitskin.simulators`). They are imported on first use.
 """
 
 from importlib import import_module
@@ -10,7 +10,7 @@ from typing import Any
 SCRIPTING = "eitskin.scripting"
 MODULES = {  # of the names that are offered
     "Report": SCRIPTING,
-    "Simulator": SCRIPTING,
+    "Simulator": "eitskin.simulators",
     "compare": SCRIPTING,
     "effect_jacobian": SCRIPTING,
     "jacobian": SCRIPTING,

@@ -4,7 +4,6 @@ Readings are (N, M): N frames of M channels, in the recording's unit.
 """
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
@@ -12,8 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eitskin import yaml_file
-from eitskin.data import check, reconstruct, recording, stated
+from eitskin.data import check, reconstruct, recording
 from eitskin.data.recording import Recording, frames_table
 from eitskin.diagnose import files, parts
 from eitskin.diagnose.compare.result import comparison
@@ -22,55 +20,15 @@ from eitskin.diagnose.fitting.simulator import RecordingSimulator
 from eitskin.diagnose.report import page
 from eitskin.diagnose.verdict import corrected, words
 from eitskin.diagnose.verdict.record import Record, record
-from eitskin.effects.effect import Setting
-from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
 from eitskin.physics import outline
 from eitskin.physics.skin import Skin
+from eitskin.simulators import Simulator
 
 SCHEMA = Path(__file__).parent / "diagnose" / "diagnosis.schema.yaml"
 ACROSS = 32  # pixels over the skin
 STEP = 1e-3  # relative, of a conductivity; of an effect's parameter, in its typical changes
 UNTOUCHED_STAGES = ("skin", "wiring", "instrument")  # of effects that untouched frames show
-
-
-@dataclass(frozen=True)
-class Simulator:
-    """A skin and the effects on it and its instrument.
-
-    effects: entries of a configuration, {name, [electrodes, drives, measures or channels],
-    parameters}; factor: the reading for a simulated volt, where the recording's unit is arbitrary.
-    """
-
-    skin: Skin
-    effects: Sequence[dict] = ()
-    factor: float = 1.0
-
-    @classmethod
-    def believed(cls, recorded: Recording) -> "Simulator":
-        """The skin as its owner states it, with usual values for what is not stated. Raises
-        InputError where the scale of the readings is unknown and none can be estimated."""
-        model = RecordingSimulator(recorded)
-        return cls(model.nominal_skin, (), model.factor)
-
-    @classmethod
-    def read(cls, path: str | Path) -> "Simulator":
-        """The corrected simulator in the effects.yaml of a diagnosis, in volts. Raises InputError
-        for another file."""
-        twin = yaml_file.read(path).get("twin")
-        if not isinstance(twin, dict) or not {"skin", "effects"} <= twin.keys():
-            raise InputError(path, "key twin", "nothing", "the skin and effects of an effects.yaml")
-        return cls(stated_skin(twin["skin"], path), twin["effects"])
-
-    def settings(self, channels: np.ndarray) -> list[Setting]:
-        """The effects at definite values, for channels (M, 4). Raises InputError for unknown names,
-        sites or parameters and values out of bounds."""
-        return settings(list(self.effects), site_counts(channels), (0, 0))
-
-
-def stated_skin(stated_keys: dict, file: str | Path) -> Skin:
-    """A skin of whose keys some are stated, the others unknown; raises InputError naming `file`."""
-    return Skin.from_metadata(dict.fromkeys(stated.SKIN) | stated_keys, str(file))
 
 
 @dataclass(frozen=True)
@@ -96,9 +54,7 @@ class Report:
         except (OSError, ValueError) as error:
             expected = "the folder that eitskin diagnose wrote"
             raise InputError(path, "file", type(error).__name__, expected) from error
-        simulator = Simulator.read(path.with_name("effects.yaml"))
-        factor = document["calibration"].get("factor", {}).get("value", 1.0)
-        return cls(document, all_sentences(document), replace(simulator, factor=factor))
+        return cls(document, all_sentences(document), Simulator.read(folder))
 
     def write(self, folder: str | Path) -> Path:
         """Write what `eitskin diagnose` writes into `folder`; the path of report.html. Raises

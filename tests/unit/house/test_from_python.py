@@ -12,7 +12,8 @@ import eitskin
 from eitskin import peers
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry
-from eitskin.scripting import Report, Simulator, all_sentences
+from eitskin.scripting import Report, all_sentences
+from eitskin.simulators import Simulator
 
 ROOT = Path(__file__).parents[3]
 SAMPLE = ROOT / "docs" / "sample"

@@ -27,8 +27,8 @@ FLOORS = (  # from the ground up; what stands on one floor does not know each ot
     {"paper"},
     {"capture"},
     {"stream"},
-    {"answers", "peers"},
-    {"scripting"},
+    {"answers", "peers", "simulators"},
+    {"estimators", "scripting"},
     {"cli"},
 )
 BESIDE = {  # what uses the tool, and what each may use of the others
