@@ -86,6 +86,7 @@ examples:
   eitskin stream /dev/ttyACM1 --model mlp.npz
   eitskin stream /dev/ttyACM1 --model mlp.npz --json --out monday.parquet | robot
   eitskin stream monday.parquet --model mlp.npz --fast
+  eitskin stream monday.parquet --model mlp.npz --view
 """,
 }
 
