@@ -206,7 +206,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_path(training, "--target", "another recording of the skin, whose labels test it")
     purpose = "a configuration with the perturbations of `authors`, for a row beside"
     _add_path(training, "--perturbations", purpose)
-    training.add_argument("--samples", type=int, help="of a training set, by default 8000")
+    training.add_argument("--samples", type=int, help="of a training set, by default 20000")
     training.add_argument("--epochs", type=int, help="of a training, by default 40")
     training.add_argument("--seeds", type=int, help="of the weights, by default 3")
     words = "say of every frame whether the skin is touched, where and how hard"

@@ -47,7 +47,7 @@ class Plan:
     """How an estimator is trained: samples of a set, epochs, seeds of the weights, the first of
     them `seed`, and of the networks without an electrode `spare_epochs`."""
 
-    samples: int = 8000
+    samples: int = 20000
     epochs: int = 40
     seeds: int = 3
     seed: int = 1
