@@ -4,7 +4,8 @@ from manual import pictures
 
 project = "eitskin"
 author = "eitskin authors"
-extensions = ["myst_parser"]
+extensions = ["myst_parser", "sphinx.ext.autodoc"]
+autodoc_member_order = "bysource"
 root_doc = "index"
 html_theme = "furo"
 html_title = "eitskin"

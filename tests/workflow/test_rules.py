@@ -86,7 +86,7 @@ def test_what_code_finds_by_name_and_what_it_reads_is_told(rules):
     assert told["verdicts_demo_0"] == (catalogue, [SCHEMA])
     assert told["loop_errors"][0] == catalogue | ellipse | learned
     assert ellipse < told["table_2"][0] and len(told["table_2"][1]) == 1
-    assert len(told["table_1"][1]) == 1 and len(told["figure_2"][1]) > 20
+    assert len(told["table_1"][1]) == 1 and not told["figure_2"][1]
 
 
 def test_every_script_belongs_to_a_rule(rules, fresh):

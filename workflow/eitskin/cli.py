@@ -19,7 +19,8 @@ from threadpoolctl import threadpool_limits
 from eitskin import answers
 from eitskin.atomic import held_folder
 from eitskin.capture import cli as rig
-from eitskin.data import check, importers, recording, stated, subset
+from eitskin.data import check, importers, recording
+from eitskin.data.reading import read
 from eitskin.data.recording import Recording
 from eitskin.diagnose.fitting.excerpt import LIMIT_GIB
 from eitskin.errors import InputError, named, printable, refused
@@ -74,11 +75,18 @@ examples:
   eitskin compare tank.csv tank.csv --part target --out objects
   eitskin compare day.csv day.csv --control-frames 0:99 --later-frames 100:240
 """,
+    "train": """\
+examples:
+  eitskin train monday
+  eitskin train monday --target tuesday.parquet --perturbations config.yaml
+  eitskin stream tuesday.parquet --model monday/estimator/estimator.npz
+""",
     "stream": """\
 examples:
   eitskin stream /dev/ttyACM1 --model mlp.npz
   eitskin stream /dev/ttyACM1 --model mlp.npz --json --out monday.parquet | robot
   eitskin stream monday.parquet --model mlp.npz --fast
+  eitskin stream monday.parquet --model mlp.npz --view
 """,
 }
 
@@ -191,6 +199,16 @@ def _parser() -> argparse.ArgumentParser:
     _add_frames(comparing, "--later-frames", "of LATER, or its part, these alone")
     _add_path(comparing, "--out", "the folder to write, by default comparison-A-vs-B", shtab.DIR)
     _add_anyway_flag(comparing)
+    words = "train an estimator of touches on the corrected simulator of a diagnosis"
+    training = command("train", _train, words)
+    _add_path(training, "folder", "what eitskin diagnose wrote", shtab.DIR)
+    _add_path(training, "--out", "the folder to write, by default FOLDER/estimator", shtab.DIR)
+    _add_path(training, "--target", "another recording of the skin, whose labels test it")
+    purpose = "a configuration with the perturbations of `authors`, for a row beside"
+    _add_path(training, "--perturbations", purpose)
+    training.add_argument("--samples", type=int, help="of a training set, by default 20000")
+    training.add_argument("--epochs", type=int, help="of a training, by default 40")
+    training.add_argument("--seeds", type=int, help="of the weights, by default 3")
     words = "say of every frame whether the skin is touched, where and how hard"
     following = command("stream", streaming.stream, words)
     _add_path(following, "source", "a board's serial port, or a recording in any known format")
@@ -254,13 +272,9 @@ def _load(
     part: str | None = None,
 ) -> Recording:
     """A recording, or a stretch of it, with its owner's statements about channels and skin."""
-    protocol = arguments.order, arguments.drive, arguments.measure
-    statements = {} if arguments.skin is None else stated.read(arguments.skin)
-    recorded = importers.load(
-        file, arguments.format, *protocol, part, arguments.array, arguments.frequency
-    )
-    recorded = stated.apply(statements, recorded, arguments.skin)
-    return recorded if frames is None else subset.stretch(recorded, *frames, file)
+    keys = ("format", "order", "drive", "measure", "array", "frequency")
+    settings = {key: getattr(arguments, key) for key in keys}
+    return read(file, arguments.skin, frames, part=part, **settings)
 
 
 def _stem(file: str, frames: tuple[int, int] | None) -> str:
@@ -477,6 +491,31 @@ def _explain(arguments: argparse.Namespace) -> int:
         return 0
     for sentence in sentences:
         _say(sentence)
+    return 0
+
+
+def _train(arguments: argparse.Namespace) -> int:
+    try:
+        from eitskin.estimators import training
+    except ModuleNotFoundError as error:
+        expected = "it: pip install eitskin[workflow]"
+        raise InputError("eitskin train", f"module {error.name}", "none", expected) from error
+    from eitskin.configuration import perturbations
+
+    target = None if arguments.target is None else read(arguments.target)
+    drawn = None if arguments.perturbations is None else perturbations(arguments.perturbations)
+    keys = ("samples", "epochs", "seeds")
+    stated_values = {key: getattr(arguments, key) for key in keys}
+    plan = training.Plan(**{k: v for k, v in stated_values.items() if v is not None})
+    with named(arguments.folder):
+        estimator = training.trained(arguments.folder, target, drawn, plan)
+    paths = estimator.write(arguments.out or Path(arguments.folder) / "estimator")
+    if arguments.json:
+        card = json.loads(estimator.card.to_json(orient="records"))
+        answers.write({"format": "eit-estimator", "files": list(map(str, paths)), "card": card})
+        return 0
+    for line in (*training.sentences(estimator.card), *map(str, paths)):
+        _say(line)
     return 0
 
 

@@ -187,6 +187,16 @@ def _schema(uri: str) -> Resource:
     return Resource.from_contents(yaml.safe_load(REFERRED_TO[uri].read_text(encoding="utf-8")))
 
 
+def perturbations(file: str | Path, name: str = "authors") -> list[dict]:
+    """The effects of a configuration of a file, such as the paper's perturbations in config.yaml.
+    Raises InputError where the file has none of that name."""
+    entry = yaml_file.read(file).get("configurations", {}).get(name)
+    if not isinstance(entry, dict) or not isinstance(entry.get("effects"), list):
+        place = f"configurations.{name}.effects"
+        raise InputError(file, place, "nothing", "effects, as in config.yaml")
+    return entry["effects"]
+
+
 def with_continuous(config: dict) -> dict[str, dict]:
     """The configurations, and for each a derived set `-continuous` with continuously distributed
     touches: its key `continuous` holds the radius of the places, the forces and, where stated,

@@ -34,8 +34,24 @@ def chance(p: float) -> str:
 
 
 def percent(share: float, decimals: int = 0) -> str:
-    """A share in per cent, with so many decimals."""
+    """A share in per cent, with so many decimals; of one that these would make 0, that it is
+    less."""
+    limit = 0.5 * 10.0**-decimals
+    if share != 0.0 and abs(100 * share) < limit:
+        return f"less than {limit:g} %"
     return f"{100 * share:.{decimals}f} %"
+
+
+def counted(count: int, noun: str) -> str:
+    """`1 frame`, `2 frames`, `2 presses`."""
+    ending = "" if count == 1 else "es" if noun.endswith(("s", "ch")) else "s"
+    return f"{count} {noun}{ending}"
+
+
+def decimal(value: float, decimals: int, sign: bool = False) -> str:
+    """A number with so many decimals, 0 without a sign; `sign`: with + where it is positive."""
+    rounded = round(value, decimals) + 0.0  # of -0.0 makes 0.0
+    return _signed(f"{rounded:{'+' if sign and rounded else ''}.{decimals}f}")
 
 
 def power(value: float) -> str:

@@ -10,7 +10,7 @@ import pandas as pd
 from eitskin.atomic import atomic_path
 from eitskin.data import dataset, recording, splits
 from eitskin.data.recording import Recording
-from loop.imitation import PressPrior, imitated_presses
+from eitskin.simulate.imitation import PressPrior, imitated_presses
 from loop.naming import name_of
 from loop.sources import truth
 from witness import cases

@@ -9,10 +9,12 @@ import pandas as pd
 
 from eitskin.data import recording
 from eitskin.data.recording import Recording
+from eitskin.estimators.sets import Source, source_set
 from eitskin.learn import train, transfer, transfer_runs
 from eitskin.learn.train import Recipe, Split
+from eitskin.simulate.imitation import PressPrior
+from eitskin.simulators import Simulator
 from loop import sources
-from loop.imitation import PressPrior
 from loop.naming import BELIEF, DIAGNOSIS, LABELS, TRUTH
 
 
@@ -27,19 +29,17 @@ class Case:
     prior: PressPrior
 
 
-def simulator(source: str, recorded: Recording, case: Case) -> sources.Simulator | sources.Truth:
+def simulator(source: str, recorded: Recording, case: Case) -> Source:
     """The simulator of a source of a case."""
     if source == TRUTH:
         description = json.loads((case.folder / "truth.json").read_text(encoding="utf-8"))
         return sources.truth(description, recorded)
     if source == DIAGNOSIS:
-        diagnosis_folder = case.folder / "diagnosis"
-        diagnosis = json.loads((diagnosis_folder / "diagnosis.json").read_text(encoding="utf-8"))
-        return sources.diagnosed(diagnosis_folder / "effects.yaml", diagnosis)
-    nominal = sources.belief(recorded)
+        return Simulator.read(case.folder / "diagnosis")
+    nominal = Simulator.calibrated(recorded)
     if source == BELIEF:
         return nominal
-    return sources.Simulator(nominal.skin, case.authors, nominal.factor, drawn=True)
+    return Simulator(nominal.skin, case.authors, nominal.factor, drawn=True)
 
 
 def errors(
@@ -61,7 +61,7 @@ def errors(
         return pd.DataFrame(rows, columns=list(transfer_runs.RUNS))
     source_simulator = simulator(source, recorded, case)
     name = f"{source} {seed}"
-    source_split = sources.source_set(source_simulator, recorded, samples, seed, case.prior, name)
+    source_split = source_set(source_simulator, recorded, samples, seed, case.prior, name)
     trained = train.train_model(source_split, model, recipe, seed)
     angles = recorded.skin.electrode_deg
     electrode_deg = None if angles is None else list(angles)

@@ -8,7 +8,7 @@ import pandas as pd
 from eitskin.data import dataset, recording, splits
 from eitskin.data.recording import Recording, presses
 from eitskin.learn import transfer_runs
-from loop.imitation import IMITATED
+from eitskin.simulate.imitation import IMITATED
 
 
 def write(recorded: Recording, target: dataset.Dataset, folder: str | Path, seed: int) -> None:

@@ -18,7 +18,7 @@ from eitskin.learn.metrics import interval
 from eitskin.learn.models import PHYSICS_INFORMED
 from eitskin.paper.table_1 import paper as printed_by_the_paper
 from eitskin.quantities import MINUS
-from manual.rows import ROOT, bench, claim, page_table, paper, summary, trials
+from manual.rows import DOCS, ROOT, bench, claim, page_table, paper, summary, trials
 from proof.dense import scores
 from proof.intervals import share
 from proof.markdown import is_share, number, table
@@ -202,6 +202,14 @@ def loop() -> Iterable[str]:
     """What the loop saves, by model and by what it is held against."""
     lines = page_table("loop/loop.md", ("model", "against"))
     return table(tuple(lines[0]), [tuple(line.values()) for line in lines])
+
+
+def images() -> Iterable[str]:
+    """How far pyEIT's images have the sample's presses from their places, by matrix."""
+    rows = pd.read_csv(DOCS / "sample" / "images.csv")
+    lines = [tuple(f"{value:.1f}" for value in row) for row in rows.to_numpy()]
+    lines.append(("mean", "", "", *(f"{rows[key].mean():.2f}" for key in ("own_mm", "ours_mm"))))
+    return table(("x, mm", "y, mm", "force, N", "own matrix: off by, mm", "ours, mm"), lines)
 
 
 def _values(row: pd.Series) -> np.ndarray:
@@ -503,6 +511,7 @@ PASSAGES: dict[str, Callable[..., Iterable[str]]] = {
             final,
             objects,
             loop,
+            images,
             table_1,
             front_table_1,
             latent_loss,

@@ -168,7 +168,7 @@ def _met(met: bool | None, count: int) -> str:
     if met is None:
         return "no recording"
     if count < FEW:
-        return f"{'reached' if met else 'not reached'}, of {count}"
+        return f"of {count}, too few to tell"
     return "reached" if met else "**missed**"
 
 

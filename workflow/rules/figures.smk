@@ -1,8 +1,6 @@
 from pathlib import Path
 
 PRINTED_2 = own("workflow/eitskin/paper/printed_table_2.csv")
-SNAKEFILE = own("Snakefile")
-RULES = sorted(map(str, Path(own("workflow/rules")).glob("*.smk")))
 
 
 rule table_2:
@@ -97,10 +95,7 @@ rule figure_1:
 
 
 rule figure_2:
-    """Figure 2 of the paper: the workflow."""
-    input:
-        snakefile=ancient(local(SNAKEFILE)),
-        rules=ancient(local(RULES)),
+    """Figure 2 of the paper: the method."""
     output:
         svg=report(
             "results/figures/figure_2.svg",
@@ -121,18 +116,9 @@ rule figure_2:
         mem_mb=1000,
         runtime=5,
     params:
-        targets=[
-            "table_1",
-            f"results/diagnosis/{config['figures']['recording']}/report.html",
-            "table_2",
-            "figure_1",
-            "figure_3",
-            "figure_4",
-        ],
-        configfiles=[str(file) for file in workflow.configfiles[:-1]],
-        code=fingerprint("figure_2", files=[SNAKEFILE, *RULES]),
+        code=fingerprint("figure_2"),
     message:
-        "Drawing the workflow: figure 2"
+        "Drawing the method: figure 2"
     script:
         "../scripts/figure_2.py"
 
@@ -170,7 +156,7 @@ rule figure_3:
 
 
 rule figure_4:
-    """Figure 4 of the paper: predicted forces of the worst and the best model."""
+    """Figure 4 of the paper: predicted forces of the worst model and of the one shown."""
     input:
         dataset=f"results/datasets/{SHOWN_SET}.parquet",
         metrics=expand(f"results/metrics/{SHOWN_TEST}/{{model}}.csv", model=SHOWN_MODELS),
@@ -198,9 +184,10 @@ rule figure_4:
         runtime=5,
     params:
         models=SHOWN_MODELS,
+        shown=lookup(dpath="figures/model", within=config),
         skin={key: config["skin"][key] for key in ("radius_mm", "electrode_deg")},
         code=fingerprint("figure_4"),
     message:
-        "Drawing the predicted force of the worst and the best model: figure 4"
+        "Drawing the predicted force of the worst model and of {params.shown}: figure 4"
     script:
         "../scripts/figure_4.py"

@@ -16,4 +16,5 @@ with recorded(snakemake):
         figures.svg,
         figures.png,
         figures.csv,
+        params.shown,
     )

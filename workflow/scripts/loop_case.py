@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from eitskin.provenance import recorded
+from eitskin.simulate.imitation import PressPrior
 from loop import case
-from loop.imitation import PressPrior
 
 with recorded(snakemake):
     params = snakemake.params

@@ -6,8 +6,8 @@ from eitskin.data import dataset, splits
 from eitskin.learn import metrics
 from eitskin.learn.train import Budget, Recipe, Split
 from eitskin.provenance import recorded
+from eitskin.simulate.imitation import PressPrior
 from loop import errors
-from loop.imitation import PressPrior
 
 with recorded(snakemake):
     params, files, names = snakemake.params, snakemake.input, snakemake.wildcards

@@ -7,9 +7,10 @@ from hypothesis import strategies as st
 
 from eitskin.data import check, importers
 from eitskin.data.channel_order import known_orders
-from eitskin.data.check import ERROR, FACT, UNOBSERVABLE, WARNING, sentences, wiring
+from eitskin.data.check import ERROR, FACT, UNOBSERVABLE, WARNING, measures, sentences, wiring
 from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table, reciprocal_channels
+from eitskin.quantities import decimal, percent
 from shared_data import shared_data
 
 FROM_OWN = "drive-plus-ascending-own"
@@ -291,8 +292,42 @@ def test_electrodes_numbered_the_other_way_or_from_another_are_an_error(make_rec
 def test_no_sentence_of_a_clean_recording_has_a_signed_nothing_or_a_share_of_nothing(
     make_recording,
 ):
-    sentences = [f.sentence for f in check.check(make_recording(presses=40)).findings]
-    assert not [s for s in sentences if re.search(r"[-+\u2212]0 degrees|\b0 %|\b1 frames", s)]
+    texts = [f.sentence for f in check.check(make_recording(presses=40)).findings]
+    assert not [s for s in texts if re.search(r"[-+\u2212]0 degrees|\b0(\.0+)? %|\b1 frames", s)]
+
+
+def test_a_drift_that_noise_makes_is_called_noise_and_coarse_digits_give_a_bound(make_recording):
+    recording = make_recording(presses=2, noise=1e-3)
+    assert sentences.drift(recording)[0].sentence.endswith("no more than by their noise.")
+    recording.voltage = np.round(recording.voltage, 1)
+    recording.metadata["unit"] = "V"
+    assert measures.noise(recording).sigma == 0.0
+    (finding,) = sentences.noise(recording)
+    assert "less than 100" in finding.sentence and "mV in the median" in finding.sentence
+
+
+@pytest.mark.parametrize(
+    ("share", "decimals", "text"),
+    [(0.0, 2, "0.00 %"), (4e-5, 2, "less than 0.005 %"), (4e-5, 3, "0.004 %"), (-0.004, 0, "less")],
+)
+def test_a_share_that_is_not_nothing_is_never_said_to_be(share, decimals, text):
+    assert percent(share, decimals).startswith(text)
+
+
+def test_a_number_that_rounds_to_nothing_has_no_sign():
+    assert [decimal(v, 1, sign=True) for v in (-0.04, 0.04, 1.26, -2.0)] == [
+        "0.0",
+        "0.0",
+        "+1.3",
+        "\u22122.0",
+    ]
+
+
+def test_a_skin_that_is_no_disc_is_not_called_usable_without_saying_for_what(make_recording):
+    recording = make_recording()
+    recording.metadata["skin"]["outline"] = "a hand"
+    last_line = check.text(check.check(recording)).splitlines()[-1]
+    assert last_line == "Usable to be compared with another recording, not to be diagnosed."
 
 
 def test_what_a_full_recording_can_tell_is_not_listed(make_recording):

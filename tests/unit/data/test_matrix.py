@@ -247,9 +247,18 @@ def test_readings_in_a_prefixed_unit_are_converted(write, unit, recorded_unit, s
     assert np.array_equal(recording.readings, size * frames())
 
 
-def test_an_exponent_without_a_point_is_refused_with_the_number_to_write(write):
-    path = write(frames(), {"electrodes": 8, **ADJACENT, "skin": {"current_A": "1e-3"}}, "skin.npy")
-    assert "write 1.0e-3" in refused(path, r"skin\.current_A: found '1e-3'")
+@pytest.mark.parametrize(
+    ("line", "place"),
+    [
+        ("skin: {current_A: 1e-3}", r"skin\.current_A"),
+        ("skin: {electrode_deg: [0, 1e-3, 45, 90, 135, 180, 225, 270]}", r"skin\.electrode_deg"),
+        ("frame_s: 1e-3", "key frame_s"),
+        ("rate_Hz: 1e-3", "key rate_Hz"),
+    ],
+)
+def test_an_exponent_without_a_point_is_refused_with_the_number_to_write(write, line, place):
+    described = f"electrodes: 8\ndrive: adjacent\nmeasurement: adjacent\n{line}\n"
+    assert "write 1.0e-3" in refused(write(frames(), described, "skin.npy"), place)
 
 
 def test_names_that_people_give_to_labels_are_guessed_and_one_letter_in_common_is_not(write):
@@ -258,6 +267,20 @@ def test_names_that_people_give_to_labels_are_guessed_and_one_letter_in_common_i
     message = refused(write(lines(table, names=names), {"electrodes": 8, **ADJACENT}), "columns")
     labels = "x_mm: px, y_mm: py, probe_mm: tip, force_N: fz, note_tint: tint, touch: Touched"
     assert f"labels: {{{labels}}}" in message
+
+
+def test_columns_that_say_their_unit_are_converted_and_bare_ones_are_not_taken(write):
+    place = [np.nan, 0.5, 0.5]
+    table = np.column_stack([[0, 40, 90], place, place, [0, 4, 4], [0, 900, 950], frames(3)])
+    names = ["t [ms]", "px (cm)", "py_cm", "tip_mm", "Fz_mN", *(f"ch{k}" for k in range(40))]
+    described = {"electrodes": 8, **ADJACENT}
+    recording = importers.load(write(lines(table, names=names), described))
+    columns = ["time_s", "x_mm", "y_mm", "probe_mm", "force_N"]
+    assert recording.frames[columns].to_numpy()[2] == pytest.approx([0.09, 5.0, 5.0, 4.0, 0.95])
+    assert "px (cm) taken for x_mm" in recording.metadata["source"]
+    refused(write(lines(table, names=["t", "px", *names[2:]]), described), "columns t, px beside")
+    twice = [names[0], "px (cm)", "x_pos (cm)", *names[3:]]
+    refused(write(lines(table, names=twice), described), r"columns px \(cm\), x_pos \(cm\) beside")
 
 
 # --- without a description

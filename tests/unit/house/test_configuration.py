@@ -477,10 +477,7 @@ def test_the_example_that_trains_on_ones_own_recording_is_valid(tmp_path, monkey
     for kind in ("configurations", "recordings"):
         config["table_1"][kind] |= mine["table_1"][kind]
     validate(config, SCHEMA, [ROOT / "config.yaml", "mine.yaml"])
-    assert {(dataset, split) for dataset, split, _ in rows(config)} == {
-        ("mine", "place"),
-        ("mine", "session"),
-    }
+    assert {(dataset, split) for dataset, split, _ in rows(config)} == {("mine", "place")}
 
 
 def test_a_missing_key_is_named_with_its_meaning(refusal):

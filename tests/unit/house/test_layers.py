@@ -11,7 +11,7 @@ from eitskin.effects import EFFECTS
 
 HOUSE = Path(__file__).parents[3] / "workflow"
 FLOORS = (  # from the ground up; what stands on one floor does not know each other
-    {"errors", "plotting"},
+    {"callable_package", "errors", "plotting"},
     {"progress", "quantities", "yaml_number"},
     {"atomic", "cores", "fingerprint", "text_file", "unfolding"},
     {"figure_files", "pins", "physics", "provenance"},
@@ -27,7 +27,8 @@ FLOORS = (  # from the ground up; what stands on one floor does not know each ot
     {"paper"},
     {"capture"},
     {"stream"},
-    {"answers"},
+    {"answers", "peers", "simulators"},
+    {"estimators", "scripting"},
     {"cli"},
 )
 BESIDE = {  # what uses the tool, and what each may use of the others

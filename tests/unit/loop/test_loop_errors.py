@@ -7,8 +7,8 @@ import pytest
 from eitskin.data import dataset, recording, splits
 from eitskin.learn import transfer_runs
 from eitskin.learn.train import Budget, Optimiser, Recipe, Split
+from eitskin.simulate.imitation import PressPrior, imitated_presses
 from loop import errors, labelled
-from loop.imitation import PressPrior, imitated_presses
 from loop.naming import AUTHORS, BELIEF, DIAGNOSIS, LABELS, TRUTH, cases_by_name
 from loop_skin import FORCES, JITTER, LAW
 from small_skin import SKIN, small_recording

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from eitskin.data.recording import Recording, presses
 from eitskin.errors import InputError
-from loop.imitation import PressPrior, imitated_presses
+from eitskin.simulate.imitation import PressPrior, imitated_presses
 from loop_skin import FORCES
 from small_skin import FORCES_N, METADATA, states
 

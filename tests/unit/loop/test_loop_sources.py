@@ -8,8 +8,10 @@ from eitskin.data import dataset
 from eitskin.data.recording import Recording
 from eitskin.diagnose.noise.estimate import estimate_noise
 from eitskin.errors import InputError
+from eitskin.estimators.sets import source_set
+from eitskin.simulate.imitation import PressPrior, imitated_presses
+from eitskin.simulators import Simulator
 from loop import sources
-from loop.imitation import PressPrior
 from loop_skin import FORCES, JITTER, LAW
 from small_skin import METADATA, SKIN, small_recording
 
@@ -29,19 +31,19 @@ def recorded():
 
 def made_by(simulator, recorded, seed=1, samples=150):
     prior = PressPrior(FORCES, 8.0)
-    split = sources.source_set(simulator, recorded, samples, seed, prior, "a set")
+    split = source_set(simulator, recorded, samples, seed, prior, "a set")
     return split.dataset, split.part
 
 
 def test_sets_of_one_seed_differ_in_physics_alone(recorded):
-    plain, part = made_by(sources.Simulator(SKIN, []), recorded)
-    repeated, _ = made_by(sources.Simulator(SKIN, []), recorded)
-    law, of_law = made_by(sources.Simulator(SKIN, [LAW]), recorded)
+    plain, part = made_by(Simulator(SKIN, []), recorded)
+    repeated, _ = made_by(Simulator(SKIN, []), recorded)
+    law, of_law = made_by(Simulator(SKIN, [LAW]), recorded)
     assert plain.table.equals(law.table) and (part == of_law).all()
     assert np.array_equal(plain.delta_V, repeated.delta_V)
     sd = estimate_noise(recorded).sd
     assert np.abs(plain.delta_V - law.delta_V).max() > 20.0 * sd.max()
-    seed_2, _ = made_by(sources.Simulator(SKIN, []), recorded, seed=2)
+    seed_2, _ = made_by(Simulator(SKIN, []), recorded, seed=2)
     assert not seed_2.table.equals(plain.table)
     assert {*part} == {"train", "validation"} and (part == "train").sum() >= 150
     sessions = plain.table["session"]
@@ -49,10 +51,10 @@ def test_sets_of_one_seed_differ_in_physics_alone(recorded):
 
 
 def test_noise_is_the_recording_s_on_touched_and_untouched_frame(recorded):
-    clean = sources.Simulator(SKIN, [])
+    clean = Simulator(SKIN, [])
     noisy_set, _ = made_by(clean, recorded, 1, 600)
     sessions = noisy_set.table["session"].nunique()
-    frames = sources.imitated_presses(
+    frames = imitated_presses(
         recorded, sessions, np.random.default_rng([1, 4]), PressPrior(FORCES, 8.0)
     )
     exact = Recording(frames, clean.readings(frames, recorded, 1), None, None, METADATA)
@@ -64,8 +66,8 @@ def test_noise_is_the_recording_s_on_touched_and_untouched_frame(recorded):
 
 def test_the_belief_is_calibrated_and_has_no_effect(recorded):
     doubted = {**METADATA, "skin": SKIN.metadata() | {"conductivity_S_per_m": 0.6}}
-    believed = sources.belief(replace(recorded, metadata=doubted))
-    assert believed.effects == [] and not believed.drawn
+    believed = Simulator.calibrated(replace(recorded, metadata=doubted))
+    assert believed.effects == () and not believed.drawn
     assert believed.skin.conductivity_S_per_m == pytest.approx(0.5, rel=0.05)
 
 
@@ -73,40 +75,37 @@ def test_the_diagnosed_simulator_is_what_effects_yaml_says(tmp_path):
     twin = {"skin": SKIN.metadata(), "protocol": {}, "effects": [LAW], "noise": 1e-3}
     path = tmp_path / "effects.yaml"
     path.write_text(json.dumps({"twin": twin}))  # which is YAML
-    simulator = sources.diagnosed(path, {"calibration": {}})
+    simulator = Simulator.read(path)
     assert (simulator.skin, simulator.effects, simulator.factor, simulator.drawn) == (
         SKIN,
         [LAW],
         1.0,
         False,
     )
-    scaled = sources.diagnosed(path, {"calibration": {"factor": {"value": 3.0}}})
-    assert scaled.factor == 3.0
+    document = {"calibration": {"factor": {"value": 3.0}}}
+    (tmp_path / "diagnosis.json").write_text(json.dumps(document))
+    assert Simulator.read(tmp_path).factor == 3.0
 
 
 def test_drawn_effects_change_from_session_to_session(recorded):
-    frames = sources.imitated_presses(
-        recorded, 2, np.random.default_rng(1), PressPrior(FORCES, 8.0)
-    )
-    drawn = sources.Simulator(SKIN, [JITTER], drawn=True).readings(frames, recorded, 1)
+    frames = imitated_presses(recorded, 2, np.random.default_rng(1), PressPrior(FORCES, 8.0))
+    drawn = Simulator(SKIN, [JITTER], drawn=True).readings(frames, recorded, 1)
     free = np.flatnonzero(~frames["touch"])
     session_0, session_1 = drawn[free[0]], drawn[free[-1]]
     assert np.abs(session_0 - session_1).max() > 1e-3 * np.abs(session_0).max()
-    constant = sources.Simulator(SKIN, []).readings(frames, recorded, 1)
+    constant = Simulator(SKIN, []).readings(frames, recorded, 1)
     np.testing.assert_allclose(constant[free[0]], constant[free[-1]])
 
 
 def test_the_truth_is_the_same_physics_by_another_solver(recorded):
     truth_json = {"true": SKIN.metadata(), "effects": [LAW]}
-    frames = sources.imitated_presses(
-        recorded, 1, np.random.default_rng(2), PressPrior(FORCES, 8.0)
-    )
+    frames = imitated_presses(recorded, 1, np.random.default_rng(2), PressPrior(FORCES, 8.0))
     readings = sources.truth(truth_json, recorded).readings(frames, recorded, 1)
-    ours = sources.Simulator(SKIN, [LAW], factor=2.0).readings(frames, recorded, 1)
+    ours = Simulator(SKIN, [LAW], factor=2.0).readings(frames, recorded, 1)
     np.testing.assert_allclose(2.0 * readings, ours, atol=2e-3 * np.median(np.abs(readings)))
 
 
 def test_differences_are_refused(recorded):
     metadata = {**METADATA, "values": "difference"}
     with pytest.raises(InputError, match="difference"):
-        made_by(sources.Simulator(SKIN, []), replace(recorded, metadata=metadata))
+        made_by(Simulator(SKIN, []), replace(recorded, metadata=metadata))

@@ -33,6 +33,10 @@ def test_worst_and_best_are_by_the_mean_over_the_seeds(touches):
     rows = {model: predicted(touches, offsets_N)[1] for model, offsets_N in errors.items()}
     choice = figure_4.choose(rows)
     assert (choice.worst, choice.best, choice.models) == ("b", "c", ("a", "b", "c"))
+    assert choice.shown == "c" == figure_4.choose(rows, "another").shown
+    asked = figure_4.choose(rows, "a")
+    assert (asked.worst, asked.best, asked.shown) == ("b", "c", "a")
+    assert figure_4.choose(rows, "b").worst == "a"  # never the same twice
 
 
 def test_one_model_and_a_model_without_force_are_refused(touches):
@@ -95,14 +99,14 @@ def test_files_are_written_and_the_numbers_beside_them(touches, tmp_path):
         predictions.to_parquet(models[model][1])
     files = [tmp_path / f"figure.{kind}" for kind in ("svg", "png", "csv")]
     skin = {"radius_mm": 80.0, "electrode_deg": even_angles(16)}
-    choice = figure_4.write(models, touches, skin, *files)
-    assert (choice.worst, choice.best) == ("cnn", "mlp")
+    choice = figure_4.write(models, touches, skin, *files, model="svr")
+    assert (choice.worst, choice.best, choice.shown) == ("cnn", "mlp", "svr")
     table = pd.read_csv(files[2])
     assert table.groupby("panel")["model"].unique().map(list).to_dict() == {
         "a": ["cnn"],
-        "b, c": ["mlp"],
+        "b, c": ["svr"],
     }
     assert all(file.stat().st_size > 1000 for file in files[:2])
-    assert (
-        "worst" in figure_4.draw(table[:20], table[-20:], 80.0, even_angles(16)).axes[0].get_title()
-    )
+    drawn = figure_4.draw(table[:20], table[-20:], 80.0, even_angles(16), "mlp").axes
+    titles = [axes.get_title() for axes in drawn[:2]]
+    assert titles == ["(a) cnn (worst)", "(b) svr (best: mlp)"]

@@ -334,12 +334,12 @@ def test_a_name_that_is_wrong_is_put_down_to_what_the_evidence_says():
 
 
 def test_what_few_recordings_do_not_reach_is_not_called_missed():
-    assert page._met(False, 2) == "not reached, of 2" and page._met(False, 10) == "**missed**"
+    assert page._met(False, 2) == "of 2, too few to tell" and page._met(False, 10) == "**missed**"
     assert page._met(np.True_, 10) == "reached" and page._met(None, 0) == "no recording"
 
 
 def test_what_few_recordings_reach_is_said_to_be_of_few():
-    assert page._met(np.True_, 1) == "reached, of 1" and page._met(True, 9) == "reached, of 9"
+    assert page._met(np.True_, 1) == "of 1, too few to tell" == page._met(False, 1)
 
 
 def test_physics_from_outside_has_a_line_by_kind_and_generator_with_its_count():

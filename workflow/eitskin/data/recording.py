@@ -15,6 +15,7 @@ from eitskin.data import parquet
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.skin import LARGEST, MAX_ELECTRODES, Skin, is_number
+from eitskin.yaml_number import hint
 
 SCHEMA_KEY = b"eit"
 COLUMNS = {
@@ -358,7 +359,7 @@ def check_reading(metadata: dict, file: str | Path) -> None:
     frame_s = metadata.get("frame_s")
     if frame_s is not None and not (is_number(frame_s) and frame_s > 0):
         violation = json.dumps(frame_s, default=str)
-        raise InputError(file, "key frame_s", violation, "more than 0 s, or null")
+        raise InputError(file, "key frame_s", violation, f"more than 0 s, or null{hint(frame_s)}")
 
 
 def _check_arcs(file: str | Path, skin: Skin) -> None:

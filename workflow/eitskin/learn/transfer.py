@@ -55,6 +55,7 @@ from eitskin.learn.transfer_runs import (
 VALIDATION = 0.2  # of the labelled presses, held out to select the epoch
 RIDGE = 1.0  # a deviation from the identity costs as much as an error, both in standard deviations
 STEPS, RATE = 400, 5e-3  # of Adam, for the adapter: the authors'
+TUNING_STEPS, TUNING_RATE = 100, 1e-4  # of Adam, from a network's weights on
 NEIGHBOURS = 3  # as many as a few labelled presses allow
 
 
@@ -189,6 +190,31 @@ def adapter(
         loss.backward()
         adam.step()
     return gain.detach().double().cpu().numpy(), shift.detach().double().cpu().numpy()
+
+
+def fine_tuned(
+    model: Trained, seed: int, labelled_changes: np.ndarray, truth: np.ndarray, columns: list[int]
+) -> Trained:
+    """The predictor of one seed, its weights trained on from labels: changes (n, M) in the unit of
+    the training set and states (n, C), `columns` of the predictor's, by TUNING_STEPS of Adam at
+    TUNING_RATE."""
+    device = train.deterministic()
+    shape = Shape.from_header(model.header, labelled_changes.shape[1])
+    module = model.load_into(networks.predictor(model.header["model"], shape), seed).to(device)
+    module.requires_grad_(True)
+    voltage = train.standardise(torch.from_numpy(labelled_changes), model.tensors, "voltage")
+    mean, scale = (model.tensors[f"state_{key}"][columns] for key in ("mean", "scale"))
+    state = ((torch.from_numpy(truth) - mean) / scale).float().to(device)
+    voltage, adam = voltage.to(device), torch.optim.Adam(module.parameters(), lr=TUNING_RATE)
+    for _ in range(TUNING_STEPS):
+        loss = (module(voltage)[:, columns] - state).square().mean()
+        adam.zero_grad()
+        loss.backward()
+        adam.step()
+    weights = {f"{seed}/{key}": value.detach() for key, value in module.state_dict().items()}
+    scalers = {key: value for key, value in model.tensors.items() if "/" not in key}
+    runs = [run for run in model.header["runs"] if run["seed"] == seed]
+    return Trained({**model.header, "runs": runs}, scalers | weights)
 
 
 def common_variables(target: Dataset, source: dict) -> tuple[list[str], dict[str, str]]:

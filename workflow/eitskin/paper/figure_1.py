@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -15,7 +14,7 @@ from eitskin import figure_files, plotting
 from eitskin.data import alignment, baseline, reconstruct
 from eitskin.data.recording import Recording, presses
 from eitskin.errors import InputError
-from eitskin.plotting import CENTRED, CULPRIT, DIVERGING, SEQUENTIAL, style
+from eitskin.plotting import AFTER, CENTRED, CULPRIT, DIVERGING, style
 
 SHOWN = 4  # frames of the press: as many images fit the column
 ACROSS = 48  # pixels over the disc: finer than the resolution of 16 electrodes
@@ -128,38 +127,33 @@ def draw(press: Press) -> Figure:
     """Frame, changes, and two rows of images, one column for each force."""
     factor, unit = (MILLI, "mV") if press.unit == "V" else (1.0, press.unit)
     count = len(press.frame)
-    colours = matplotlib.colormaps[SEQUENTIAL](np.linspace(0.85, 0.0, count))
     with style():
-        figure = plotting.sheet(plotting.COLUMN_MM, 98.0)
-        (upper,), (lower,) = figure.subfigures(2, 1, squeeze=False, height_ratios=(1.0, 0.9))
-        frame, change = upper.subplots(2, 1, sharex=True)
+        figure = plotting.sheet(plotting.COLUMN_MM, 90.0 + 9.0 * count)
+        (upper,), (lower,) = figure.subfigures(2, 1, squeeze=False, height_ratios=(1.3, 0.9))
+        ratios = [2.0, *[1.0] * count]
+        frame, *changes = upper.subplots(1 + count, 1, sharex=True, height_ratios=ratios)
         channel = np.arange(len(press.untouched))
         frame.plot(channel, factor * press.untouched, color=plotting.ELECTRODE, linewidth=0.6)
-        frame.set_ylabel(f"untouched, {unit}")
+        frame.set_ylabel(unit)
+        frame.set_title("(a) untouched", loc="left")
         labels = [
             f"{force:.1f} N" if np.isfinite(force) else f"frame {number}"
             for number, force in zip(press.frame, press.force_N, strict=True)
         ]
-        for k in range(count):
-            change.plot(
-                channel, factor * press.change[k], color=colours[k], linewidth=0.6, label=labels[k]
-            )
-        change.set_ylabel(f"change, {unit}")
-        change.set_xlabel("channel")
-        change.set_xlim(0, len(channel) - 1)
-        change.legend(
-            ncols=count,
-            loc="lower center",
-            bbox_to_anchor=(0.5, 0.97),
-            borderpad=0.0,
-            handlelength=1.2,
-            columnspacing=1.2,
-        )
+        largest = 1.05 * factor * float(np.nanmax(np.abs(press.change)))
+        for axes, change, label in zip(changes, press.change, labels, strict=True):
+            axes.plot(channel, factor * change, color=AFTER, linewidth=0.6)
+            axes.set_ylim(-largest, largest)
+            axes.text(1.01, 0.5, label, transform=axes.transAxes, va="center")
+        changes[0].set_title("(b) change by a press, one scale", loc="left")
+        changes[count // 2].set_ylabel(unit)
+        changes[-1].set_xlabel("channel")
+        changes[-1].set_xlim(0, len(channel) - 1)
         upper.align_ylabels()
         rows = lower.subplots(2, count, squeeze=False, sharex=True, sharey=True)
         for images, row, name, bar in (
-            (press.noser, rows[0], "NOSER", "relative rise"),
-            (press.projected, rows[1], "back-projection", "of the largest"),
+            (press.noser, rows[0], "(c) NOSER", "relative rise"),
+            (press.projected, rows[1], "(d) back-proj.", "of the largest"),
         ):
             limit = float(np.abs(images).max())
             for axes, image, label in zip(row, images, labels, strict=True):

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from eitskin import figure_files, plotting
 from eitskin.data.alignment import homogeneous_readings
@@ -14,6 +15,8 @@ from eitskin.physics.geometry import even_angles
 from eitskin.plotting import AFTER, BEFORE, QUIET, style
 
 LEVEL = 1.96  # standard errors, 1 / √N each, of the correlation of independent variables: 95 %
+
+CHANCE = "by chance: 95 % of channels that go along with nothing"
 
 
 def correlations(dataset: Dataset) -> pd.DataFrame:
@@ -59,7 +62,7 @@ def draw(recorded: pd.DataFrame, simulated: pd.DataFrame) -> Figure:
     columns = ((recorded, BEFORE), (simulated, AFTER))
     targets = [target for target in TARGETS if (simulated["target"] == target).any()]
     with style():
-        figure = plotting.sheet(plotting.COLUMN_MM, 14.0 + 21.0 * len(targets))
+        figure = plotting.sheet(plotting.COLUMN_MM, 19.0 + 21.0 * len(targets))
         grid = figure.subplots(len(targets), 2, sharex="col", sharey=True, squeeze=False)
         for row, target in zip(grid, targets, strict=True):
             for axes, (table, colour) in zip(row, columns, strict=True):
@@ -75,6 +78,8 @@ def draw(recorded: pd.DataFrame, simulated: pd.DataFrame) -> Figure:
                 )
                 axes.set_xlim(0, target_rows["channel"].max())
             row[0].set_ylabel(f"r with {target}")
+        chance_patch = Patch(color=QUIET, alpha=0.35, linewidth=0.3, label=CHANCE)
+        figure.legend(handles=[chance_patch], loc="outside lower center")
         largest = 1.05 * max(float(table["r"].abs().max()) for table, _ in columns)
         grid[0, 0].set_ylim(-largest, largest)
         for axes in grid[-1]:

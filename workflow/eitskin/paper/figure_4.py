@@ -1,4 +1,5 @@
-"""Figure 4: predicted against true force of the worst and the best model; errors over the skin."""
+"""Figure 4: predicted against true force of the worst model and of one beside it; the latter's
+errors over the skin."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,7 @@ from eitskin.learn.metrics import METRICS
 from eitskin.plotting import BEFORE, SEQUENTIAL, STEPS, log_ticks, style
 from eitskin.quantities import number, power
 
+BEST = "best"  # as the name of a model: that with the smallest error
 BINS = 50  # of force, in each direction
 SHOWN = 0.98  # of the places lie within the colours of panel c
 ACROSS = 320  # pixels over the disc of panel c: half a millimetre of an 80 mm skin
@@ -29,16 +31,19 @@ ACROSS = 320  # pixels over the disc of panel c: half a millimetre of an 80 mm s
 
 @dataclass(frozen=True)
 class Choice:
-    """The models with the largest and with the smallest error of force among `models`."""
+    """The models with the largest and with the smallest error of force among `models`, and the one
+    that is `shown` beside the worst."""
 
     worst: str
     best: str
+    shown: str
     models: tuple[str, ...]
 
 
-def choose(metrics: dict[str, pd.DataFrame]) -> Choice:
+def choose(metrics: dict[str, pd.DataFrame], shown: str = BEST) -> Choice:
     """The worst and the best model by the mean absolute error of the force on the test part, mean
-    over the seeds, from rows of `metrics.evaluate` by model; the first of equal ones.
+    over the seeds, from rows of `metrics.evaluate` by model; the first of equal ones. `shown`: the
+    model to show, which is not the worst then; the best where it is BEST or none of the models.
 
     The choice is for the drawing alone: it is made on the test part. Raises InputError for fewer
     than two models, or a model without such an error.
@@ -54,7 +59,9 @@ def choose(metrics: dict[str, pd.DataFrame]) -> Choice:
     if len(error) < 2:
         raise InputError("config.yaml", "models", ", ".join(error) or "none", "two or more to draw")
     order = sorted(error, key=lambda model: error[model])
-    return Choice(order[-1], order[0], tuple(error))
+    beside = shown if shown in error else order[0]
+    worst = next(model for model in reversed(order) if model != beside)
+    return Choice(worst, order[0], beside, tuple(error))
 
 
 def joined(predictions: pd.DataFrame, dataset: Dataset, model: str) -> pd.DataFrame:
@@ -79,11 +86,17 @@ def by_place(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def draw(
-    worst: pd.DataFrame, best: pd.DataFrame, radius_mm: float, electrode_deg: np.ndarray
+    worst: pd.DataFrame,
+    shown: pd.DataFrame,
+    radius_mm: float,
+    electrode_deg: np.ndarray,
+    best: str | None = None,
 ) -> Figure:
     """Panels a, b: counts of test samples of the first seed by true and predicted force; c: the
-    best model's error, every pixel of the skin in the colour of the nearest tested place."""
-    first_seed = [table[table["seed"] == table["seed"].min()] for table in (worst, best)]
+    error of the model of b, every pixel of the skin in the colour of the nearest tested place.
+    best: the name of the best model, where it is not the shown one."""
+    first_seed = [table[table["seed"] == table["seed"].min()] for table in (worst, shown)]
+    remarks = ["worst", "best" if best is None else f"best: {best}"]
     values = pd.concat(first_seed)[["force_N", "predicted_N"]].to_numpy()
     low, high = min(0.0, values.min()), values.max()
     edges = np.linspace(low, high, BINS + 1)
@@ -97,7 +110,9 @@ def draw(
         ]
         largest_count = max(2.0, max(count.max() for count in counts))
         norm = LogNorm(0.8, largest_count)
-        for panel, letter, table, count in zip(axes, "ab", first_seed, counts, strict=False):
+        for panel, letter, remark, table, count in zip(
+            axes, "ab", remarks, first_seed, counts, strict=False
+        ):
             mesh = panel.pcolormesh(
                 edges,
                 edges,
@@ -112,23 +127,21 @@ def draw(
             panel.text(
                 0.04, 0.96, f"R² {number(r2)}\nMAE {mae:.2f} N", transform=panel.transAxes, va="top"
             )
-            panel.set_title(
-                f"({letter}) {'worst' if letter == 'a' else 'best'}: {table['model'].iloc[0]}"
-            )
+            panel.set_title(f"({letter}) {table['model'].iloc[0]} ({remark})")
             panel.set(xlim=(low, high), ylim=(low, high), aspect="equal")
             panel.set_xlabel("true force, N")
             for axis in (panel.xaxis, panel.yaxis):
                 axis.set_major_locator(MaxNLocator(5, integer=True))
         axes[0].set_ylabel("predicted force, N")
         log_ticks(_bar(figure, mesh, axes[:2], "test samples").ax.xaxis, 0.8, largest_count, power)
-        _draw_places(figure, axes[2], best, radius_mm, electrode_deg)
+        _draw_places(figure, axes[2], shown, radius_mm, electrode_deg)
     return figure
 
 
 def _draw_places(
-    figure: Figure, axes: Axes, best: pd.DataFrame, radius_mm: float, electrode_deg: np.ndarray
+    figure: Figure, axes: Axes, shown: pd.DataFrame, radius_mm: float, electrode_deg: np.ndarray
 ) -> None:
-    places = by_place(best)
+    places = by_place(shown)
     largest = float(places["mae_N"].quantile(SHOWN))
     plotting.disc(axes, radius_mm, electrode_deg)
     place_mm = places[["x_mm", "y_mm"]].to_numpy()
@@ -147,7 +160,7 @@ def _draw_places(
         *place_mm.T, ".", color="white", mew=0, markersize=min(2.0, 20 / np.sqrt(len(place_mm)))
     )
     plotting.leave_room(axes, radius_mm)
-    axes.set_title(f"(c) {best['model'].iloc[0]}, by place")
+    axes.set_title(f"(c) {shown['model'].iloc[0]}, by place")
     axes.set_xlabel("x, mm")
     axes.set_ylabel("y, mm")
     extend = "max" if places["mae_N"].max() > largest else "neither"
@@ -173,15 +186,18 @@ def write(
     vector: Path,
     image: Path,
     csv: Path,
+    model: str = BEST,
 ) -> Choice:
     """Figure 4 of one dataset and split from every model's metrics and file of predictions; skin:
-    `radius_mm` and `electrode_deg`. The CSV holds the two models' test samples of every seed."""
-    choice = choose({model: metrics for model, (metrics, _) in models.items()})
-    worst, best = (
-        joined(parquet.frame(parquet.read(models[model][1])), dataset, model)
-        for model in (choice.worst, choice.best)
+    `radius_mm` and `electrode_deg`; model: the one to show beside the worst, as of `choose`. The
+    CSV holds the two models' test samples of every seed."""
+    choice = choose({model: metrics for model, (metrics, _) in models.items()}, model)
+    worst, shown = (
+        joined(parquet.frame(parquet.read(models[name][1])), dataset, name)
+        for name in (choice.worst, choice.shown)
     )
-    table = pd.concat([worst.assign(panel="a"), best.assign(panel="b, c")], ignore_index=True)
-    figure = draw(worst, best, skin["radius_mm"], skin["electrode_deg"])
+    table = pd.concat([worst.assign(panel="a"), shown.assign(panel="b, c")], ignore_index=True)
+    best = None if choice.best == choice.shown else choice.best
+    figure = draw(worst, shown, skin["radius_mm"], skin["electrode_deg"], best)
     figure_files.write(figure, table, vector, image, csv)
     return choice

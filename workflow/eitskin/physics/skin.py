@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any, TypeGuard
 
 from eitskin.errors import InputError
-from eitskin.yaml_number import reads_as_number, yaml_number
+from eitskin.yaml_number import hint
 
 OPTIONAL = ("electrode_height_mm", "electrode_z_mm", "outline", "electrode_xy_mm")
 POSITIVE = (
@@ -61,7 +61,9 @@ class Skin:
             value = metadata[key]
             if key == "electrode_deg" and value is not None:
                 if not isinstance(value, list | tuple) or not all(map(is_number, value)):
-                    raise InputError(file, f"skin.{key}", repr(value), "a list of angles")
+                    raise InputError(
+                        file, f"skin.{key}", repr(value), f"a list of angles{hint(value)}"
+                    )
                 if not value:
                     raise InputError(file, f"skin.{key}", "no angle", "one an electrode, or null")
                 if len(value) > MAX_ELECTRODES:
@@ -113,9 +115,7 @@ def is_number(value: object) -> TypeGuard[int | float]:
 
 def _checked_number(file: str, key: str, value: object) -> float:
     if not is_number(value):
-        expected = "a finite number or null"
-        if isinstance(value, str) and reads_as_number(value):
-            expected += f"; YAML reads {value} as text: write {yaml_number(value)}"
+        expected = f"a finite number or null{hint(value)}"
         raise InputError(file, f"skin.{key}", repr(value), expected)
     if key in POSITIVE and value < 1.0 / LARGEST:
         expected = "more than 0" if value <= 0 else f"{1.0 / LARGEST:g} or more"

@@ -5,6 +5,8 @@ import signal
 import sys
 from types import FrameType
 
+import numpy as np
+
 from eitskin.errors import InputError, named
 from eitskin.quantities import plain
 
@@ -14,6 +16,8 @@ FAULT = 4  # exit code, as of a capture's fault
 def add(command: argparse.ArgumentParser) -> None:
     """Add the options of `stream` that are no paths."""
     command.add_argument("--fast", action="store_true", help="a recording as fast as it is judged")
+    description = "a page on this machine that draws the stream, by default at any free port"
+    command.add_argument("--view", type=int, nargs="?", const=0, metavar="PORT", help=description)
     description = "the board: its name or its YAML file, by default the known one of the channels"
     command.add_argument("--board", help=description)
     command.add_argument("--baud", type=int, help="of a board's port, where it is not the board's")
@@ -24,6 +28,7 @@ def stream(arguments: argparse.Namespace) -> int:
     from eitskin.exported import predictor as exported
     from eitskin.stream import sources
     from eitskin.stream.judge import Judge
+    from eitskin.stream.page import PageView
     from eitskin.stream.recorder import Recorder
     from eitskin.stream.run import Tally, run
     from eitskin.stream.view import View
@@ -38,11 +43,17 @@ def stream(arguments: argparse.Namespace) -> int:
     else:
         source = sources.recording_source(arguments.source, trained_on, arguments.fast, stop)
     judge = Judge(predictor, source.is_difference, source.n_opening_frames)
+    lines = View(predictor.targets, arguments.json, stop=stop)
+    view: View | PageView = lines
+    if arguments.view is not None:
+        channels, skin = np.array(trained_on["channels"]), predictor.header["skin"]
+        described = predictor.targets, channels, skin, arguments.source, arguments.view
+        view = PageView(lines, *described)
+        print(f"view: {view.address}", file=sys.stderr, flush=True)
     recorder = None
     if arguments.out is not None:
         description = predictor.header, source.is_difference, source.description, arguments.source
         recorder = Recorder(arguments.out, *description)
-    view = View(predictor.targets, arguments.json, stop=stop)
     tally, exit_code = Tally(), 0
 
     def request_stop(number: int, frame: FrameType | None) -> None:

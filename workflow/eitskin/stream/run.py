@@ -9,6 +9,7 @@ import numpy as np
 
 from eitskin.stream.frames import Trouble
 from eitskin.stream.judge import Judge
+from eitskin.stream.page import PageView
 from eitskin.stream.recorder import Recorder
 from eitskin.stream.sources import Source
 from eitskin.stream.view import View
@@ -41,7 +42,9 @@ class Tally:
         return text
 
 
-def run(source: Source, judge: Judge, view: View, recorder: Recorder | None, tally: Tally) -> None:
+def run(
+    source: Source, judge: Judge, view: View | PageView, recorder: Recorder | None, tally: Tally
+) -> None:
     """Judge all frames of a source; `tally` is updated with each."""
     gc.collect()
     gc.freeze()  # no frame waits for a collection that searches the model

@@ -42,16 +42,17 @@ class View:
         self._width = 0
         self._pipe, self._stop = _pipe(self._stream), Stop() if stop is None else stop
 
-    def frame(self, frame: Frame, verdict: Verdict) -> None:
-        """Show a frame's verdict, how late that is, and above it its notices."""
+    def frame(self, frame: Frame, verdict: Verdict) -> float:
+        """Show a frame's verdict, how late that is, and above it its notices; the lateness in s."""
         self._wait_for_reader()
         late_s = time.perf_counter() - frame.ready_s
         if self._json:
             self._print(json.dumps(as_json(self._targets, frame, verdict, late_s)))
-            return
+            return late_s
         for notice in verdict.notices:
             self.print_line(f"{frame.time_s:.2f} s: {notice}")
         self._line(text(self._targets, frame, verdict, late_s))
+        return late_s
 
     def _wait_for_reader(self) -> None:
         """Wait until a pipe is empty, nobody reads it any more, or a stop is requested."""

@@ -47,6 +47,8 @@ EXAMINATIONS = (  # of a recording with readings
 
 OF_PLACES = (sentences.places, sentences.numbering)  # without sites whose readings are wrong
 
+NO_DISC = "Usable to be compared with another recording, not to be diagnosed."
+
 ON_ALL_FRAMES = (  # of a recording of any length; others look at a sample of a long one
     suspicions.constant_frames,
     suspicions.unlabelled_touches,
@@ -105,7 +107,8 @@ def text(report: Check) -> str:
         for finding in severe_findings:
             remedy = f" Add: {finding.remedy}." if finding.remedy else ""
             lines.append(f"  {finding.topic}: {finding.sentence}{remedy}")
-    lines.append("Usable." if report.ok else "Not usable as it stands.")
+    usable = NO_DISC if report.of_topic("outline") else "Usable."
+    lines.append(usable if report.ok else "Not usable as it stands.")
     return plain("\n".join(lines) + "\n")
 
 

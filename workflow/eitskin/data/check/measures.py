@@ -19,6 +19,8 @@ MIN_NOISE_SHARE = 0.3  # of the median channel's noise: a floor for quantised ch
 MIN_REPEATS = 4  # frames of one state, for the noise of each reading
 UNKNOWNS = 3  # x, y and F of a touch
 MAX_CHANCE = 1e-6  # that a channel which is read gives one value all along
+MAX_NOISE = 1.5  # of a drift over that which noise makes: less, and nothing else is seen
+OFF_GRID = 0.01  # of a step, at most, of readings that are rounded to it
 TIED_CHANNELS = 0.9  # quantile of the channels' shares of ties
 MAX_TIES = 0.5  # of successive readings: of more, the digits hide what a ceiling would
 
@@ -296,6 +298,16 @@ def noise_bound(recording: Recording) -> float | None:
     )
 
 
+def resolution(recording: Recording) -> float | None:
+    """The step of which all readings are multiples, as rounding makes them; None without one."""
+    sizes = np.unique(np.abs(recording.readings[np.isfinite(recording.readings)]))
+    if len(sizes) < 2:
+        return None
+    step = np.diff(sizes).min()
+    off_grid = np.abs(sizes / step - np.round(sizes / step))
+    return float(step) if off_grid.max() < OFF_GRID else None
+
+
 def median_reading(recording: Recording) -> float:
     """The median |reading| of the untouched skin."""
     untouched = recording.readings[~recording.frames["touch"].to_numpy(dtype=bool)]
@@ -304,11 +316,12 @@ def median_reading(recording: Recording) -> float:
 
 @dataclass(frozen=True)
 class Drift:
-    """Median relative change of a channel, and the share of the change that one common factor does
-    not explain (None without change)."""
+    """Median relative change of a channel, the share of the change that one common factor does not
+    explain (None without change), and whether noise alone changes readings as much."""
 
     change: float
     residual_share: float | None
+    is_noise: bool = False
 
 
 def drift(recording: Recording) -> Drift | None:
@@ -321,6 +334,7 @@ def drift(recording: Recording) -> Drift | None:
     early_level = _column_statistic(np.nanmean, untouched_readings[:n_frames])
     late_level = _column_statistic(np.nanmean, untouched_readings[-n_frames:])
     is_usable = np.isfinite(early_level) & np.isfinite(late_level) & (early_level != 0)
+    noise_sd = channel_noise(untouched_readings)[is_usable]
     early_level, late_level = early_level[is_usable], late_level[is_usable]
     if not len(early_level):
         return None
@@ -331,8 +345,11 @@ def drift(recording: Recording) -> Drift | None:
             np.linalg.norm(late_level - factor * early_level)
             / np.linalg.norm(late_level - early_level)
         )
+    scores = (late_level - early_level) / (noise_sd * np.sqrt(2.0 / n_frames))
     return Drift(
-        float(np.median(np.abs(late_level - early_level) / np.abs(early_level))), residual_share
+        float(np.median(np.abs(late_level - early_level) / np.abs(early_level))),
+        residual_share,
+        len(untouched_readings) >= MIN_REPEATS and NORMAL * np.median(np.abs(scores)) < MAX_NOISE,
     )
 
 

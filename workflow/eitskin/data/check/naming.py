@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from eitskin.data.recording import Recording
-from eitskin.quantities import listed
+from eitskin.quantities import counted, listed
 
 MAX_NAMED = 3  # more make a sentence unreadable
 
@@ -17,8 +17,7 @@ def channels(recording: Recording, rows: np.ndarray | Sequence[int]) -> str:
         for row in rows[:MAX_NAMED]
     )
     ellipsis = ", ..." if len(rows) > MAX_NAMED else ""
-    plural = "" if len(rows) == 1 else "s"
-    return f"{len(rows)} channel{plural} ({named_channels}{ellipsis})"
+    return f"{counted(len(rows), 'channel')} ({named_channels}{ellipsis})"
 
 
 def frames(rows: np.ndarray) -> str:

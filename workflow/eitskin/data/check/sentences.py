@@ -9,7 +9,7 @@ from eitskin.data.check.missing import HOLD_S, missing_information
 from eitskin.data.recording import Recording
 from eitskin.physics.outline import EXPECTED, no_disc
 from eitskin.physics.skin import OPTIONAL
-from eitskin.quantities import MINUS, listed, percent, quantity
+from eitskin.quantities import counted, decimal, listed, percent, quantity
 
 SKIN = {  # key: its name, its unit
     "radius_mm": ("radius", "mm"),
@@ -108,7 +108,6 @@ MISSING = {  # key of `missing_information`: topic, sentence, frames to add
     ),
 }
 
-LEAST_SHARE = 0.005  # that is not said to be nothing
 MOSTLY_COMMON = 0.1  # of a drift, left beside one factor: less, and that is what it is
 
 CEILING_SIGNS = {
@@ -121,12 +120,10 @@ def contents(recording: Recording) -> list[Finding]:
     """Numbers of frames, touches and channels, and their source."""
     counts, metadata = measures.contents(recording), recording.metadata
     kind = "query" if recording.voltage is None else "recording"
-    frames_text = _count_text(counts.frames, "frame", "frames")
-    sentence = f"a {kind} of {frames_text}: {counts.untouched} untouched"
+    sentence = f"a {kind} of {counted(counts.frames, 'frame')}: {counts.untouched} untouched"
     sentence += f", {counts.touched} touched"
-    if counts.touched:
-        sentence += f" in {_count_text(counts.presses, 'press', 'presses')}"
-        sentence += f" at {_count_text(counts.places, 'place', 'places')}"
+    if counts.presses is not None and counts.places is not None:
+        sentence += f" in {counted(counts.presses, 'press')} at {counted(counts.places, 'place')}"
     if counts.seconds is not None:
         sentence += f"; {counts.seconds:.3g} s long"
     findings = [_fact("frames", f"{sentence}. Source: {metadata['source']}.")]
@@ -153,10 +150,6 @@ def contents(recording: Recording) -> list[Finding]:
 def _phase_text(recording: Recording) -> str:
     has_quadrature = recording.quadrature is not None
     return f"{recording.metadata['voltage']}{', in-phase and quadrature' * has_quadrature}"
-
-
-def _count_text(count: int | None, singular: str, plural: str) -> str:
-    return f"{count} {singular if count == 1 else plural}"
 
 
 def skin(recording: Recording) -> list[Finding]:
@@ -280,19 +273,24 @@ def noise(recording: Recording) -> list[Finding]:
     upper bound by reciprocity."""
     if recording.metadata["values"] == "difference":
         return []
-    unit = recording.metadata["unit"]
-    unit = "arbitrary units" if unit == "arbitrary" else unit
     level = measures.median_reading(recording)
     estimate = measures.noise(recording)
     if estimate is not None:
         sentence = (
-            f"{estimate.sigma:.3g} {unit} in the median channel{_share(estimate.sigma, level)}, "
-            f"from {estimate.frames} untouched frames"
+            f"{_reading_text(recording, estimate.sigma)} in the median channel"
+            f"{_share(estimate.sigma, level)}"
         )
+        if estimate.sigma == 0.0:
+            step = measures.resolution(recording)
+            sentence = "none: the median channel repeats itself"
+            if step is not None:
+                sentence = (
+                    f"less than {_reading_text(recording, step)} in the median channel, the step"
+                    " between two readings: their digits are too few to show it"
+                )
+        sentence += f", from {counted(estimate.frames, 'untouched frame')}"
         if estimate.between_presses:
             sentence += " with presses between them, so recovery after a press is in it"
-        if estimate.sigma == 0.0:
-            sentence += "; the readings' digits are too few to show it"
         if estimate.sigma > MAX_NOISE * level:
             sentence += "; of so noisy readings little can be told"
             return [Finding("noise", WARNING, sentence + ".", estimate.sigma)]
@@ -301,8 +299,8 @@ def noise(recording: Recording) -> list[Finding]:
     if bound is None:
         return []
     sentence = (
-        f"no untouched repeats; at most {bound:.3g} {unit}{_share(bound, level)}, else drive and "
-        "measurement could not be exchanged so well."
+        f"no untouched repeats; at most {_reading_text(recording, bound)}{_share(bound, level)}, "
+        "else drive and measurement could not be exchanged so well."
     )
     return [_fact("noise", sentence, bound)]
 
@@ -318,7 +316,9 @@ def drift(recording: Recording) -> list[Finding]:
     change_text = f"{percent(change, 2)} (median channel)"
     sentence = f"the untouched readings change by {change_text} from first to last"
     if residual_share is not None:
-        if residual_share < MOSTLY_COMMON:
+        if untouched_drift.is_noise:
+            sentence += ", no more than by their noise"
+        elif residual_share < MOSTLY_COMMON:
             sentence += ", nearly all of it by one factor in all channels"
         else:
             sentence += ", each channel in its own way"
@@ -333,7 +333,8 @@ def reciprocity(recording: Recording) -> list[Finding]:
     noise_text = "; noise included" if recording.metadata["values"] == "difference" else ""
     sentence = (
         f"exchanging drive and measurement changes a reading by {percent(pair_error.median, 2)} "
-        f"(median of {pair_error.pairs} pairs; rms {percent(pair_error.rms, 2)}{noise_text})."
+        f"(median of {counted(pair_error.pairs, 'pair')}; "
+        f"rms {percent(pair_error.rms, 2)}{noise_text})."
     )
     return [_fact("reciprocity", sentence, pair_error.median)]
 
@@ -398,12 +399,10 @@ def channel_order(recording: Recording) -> list[Finding]:
 
 def _in_words(misfit: Misfit) -> str:
     if misfit.reciprocity is not None:
-        change_text = percent(misfit.reciprocity)
-        if misfit.reciprocity < LEAST_SHARE:
-            change_text = f"less than {percent(LEAST_SHARE, 1)}"
-        return (
-            f"exchanging drive and measurement changes readings by {change_text} rms beyond noise"
-        )
+        change_text = f"{percent(misfit.reciprocity)} rms beyond noise"
+        if misfit.reciprocity == 0.0:
+            change_text = "no more than noise does"
+        return f"exchanging drive and measurement changes readings by {change_text}"
     clauses = []
     if misfit.reversal is not None:
         clauses.append(
@@ -421,8 +420,8 @@ def polarity(recording: Recording) -> list[Finding]:
     if correlation is None or correlation >= wiring.EXCHANGED_CORRELATION:
         return []
     sentence = (
-        f"wrong channel table: the readings correlate by {correlation:.2f} with a homogeneous "
-        "disc's; plus and minus (or source and sink) are exchanged."
+        f"wrong channel table: the readings correlate by {decimal(correlation, 2)} with a "
+        "homogeneous disc's; plus and minus (or source and sink) are exchanged."
     )
     measure_name = measures.measure_setting(recording)
     if measure_name is not None:
@@ -436,12 +435,10 @@ def numbering(recording: Recording) -> list[Finding]:
     fit = wiring.numbering(recording)
     if fit is None:
         return []
-    turn_deg = round(fit.turn_deg)
-    turn_text = f"{turn_deg:+d}".replace("-", MINUS) if turn_deg else "0"
+    turn_text = f"{decimal(fit.turn_deg, 0, sign=True)} degrees (counter-clockwise) from"
     sentence = (
-        f"the {fit.touches} strongest touches light up {turn_text} degrees (counter-clockwise) from"
-        " where the file puts them, and after that turn within"
-        f" {fit.residual_radii:.2f} of the radius (median)."
+        f"the {fit.touches} strongest touches light up {turn_text} where the file puts them, and"
+        f" after that turn within {fit.residual_radii:.2f} of the radius (median)."
     )
     if fit.is_lost:
         sentence += " No turn brings them there: places and readings may not belong together."
@@ -458,7 +455,7 @@ def numbering(recording: Recording) -> list[Finding]:
             " State skin.electrode_deg clockwise, or mirror the labelled places."
         )
     elif fit.severity == ERROR:
-        offset_text = f"{fit.turn_deg / fit.pitch_deg:+.1f} electrodes"
+        offset_text = f"{decimal(fit.turn_deg / fit.pitch_deg, 1, sign=True)} electrodes"
         sentence = (
             f"wrong electrode numbering, off by {offset_text}: {sentence} State skin.electrode_deg "
             f"with about {abs(fit.turn_deg):.0f} degrees {'less' if fit.turn_deg > 0 else 'more'} "
@@ -495,6 +492,12 @@ def unobservable(recording: Recording) -> list[Finding]:
         Finding(topic, UNOBSERVABLE, sentence, remedy=remedy)
         for topic, sentence, remedy in map(MISSING.__getitem__, missing_information(recording))
     ]
+
+
+def _reading_text(recording: Recording, value: float) -> str:
+    """A size of readings in their unit, by thousands where it takes a prefix."""
+    unit = {"V": "V", "ohm": "Ω", "arbitrary": "arbitrary units"}[recording.metadata["unit"]]
+    return quantity(value, unit)
 
 
 def _share(value: float, level: float) -> str:

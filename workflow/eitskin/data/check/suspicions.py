@@ -20,7 +20,7 @@ from eitskin.data.check import (
 )
 from eitskin.data.check.finding import ERROR, WARNING, Finding
 from eitskin.data.recording import Recording
-from eitskin.quantities import MINUS, listed, percent
+from eitskin.quantities import counted, decimal, listed, percent
 
 MAX_TOLD = 5  # steps or touches, one by one: more are no mishap of a recording
 
@@ -59,11 +59,11 @@ def stand_ins(recording: Recording) -> list[Finding]:
     for placeholder in placeholders.placeholders(recording):
         frames = np.flatnonzero(placeholder.mask.any(axis=1))
         count = int(placeholder.mask.sum())
-        subject = "1 reading is" if count == 1 else f"{count} readings are"
+        verb = "is" if count == 1 else "are"
         sentence = (
-            f"{subject} {placeholder.value:.6g} (in {naming.frames(frames)}), far from all others"
-            " of the same channels: the instrument's sign that it read nothing. Left out here and"
-            " in a diagnosis."
+            f"{counted(count, 'reading')} {verb} {placeholder.value:.6g} (in"
+            f" {naming.frames(frames)}), far from all others of the same channels: the instrument's"
+            " sign that it read nothing. Left out here and in a diagnosis."
         )
         share = float(placeholder.mask.mean())
         findings.append(Finding("placeholder", WARNING, sentence, share, frame=int(frames[0])))
@@ -83,7 +83,8 @@ def unplugged(recording: Recording) -> list[Finding]:
     numbers = sorted(item.electrode for item in electrodes)
     verb, pronoun = ("takes", "is") if len(numbers) == 1 else ("take", "are")
     sentence = (
-        f"all {len(channels)} readings in which {naming.electrodes(numbers)} {verb} part {state}: "
+        f"all {counted(len(channels), 'reading')} in which {naming.electrodes(numbers)} {verb} part"
+        f" {state}: "
         f"{naming.electrodes(numbers)} {pronoun} not connected. They are left out here and in a"
         " diagnosis."
     )
@@ -126,7 +127,7 @@ def load_cell_zero(recording: Recording) -> list[Finding]:
     if zero is None:
         return []
     values = zero.median_N, zero.least_N, zero.largest_N
-    median_text, low_text, high_text = (f"{v:.2f}".replace("-", MINUS) for v in values)
+    median_text, low_text, high_text = (decimal(v, 2) for v in values)
     spread = "" if low_text == high_text else f" ({low_text} to {high_text} N)"
     frames = "1 untouched frame reports" if zero.frames == 1 else "untouched frames report"
     fault, remedy = "is off", "Subtract it, or tare the load cell before each session"
@@ -156,10 +157,11 @@ def unseen_touches(recording: Recording) -> list[Finding]:
     unseen = response.unseen_touches(recording)
     if unseen is None:
         return []
+    verb = "differs" if unseen.touched == 1 else "differ"
     sentence = (
-        f"the {unseen.touched} touched frames differ from the untouched skin no more than the "
-        f"{unseen.untouched} untouched ones do (p = {unseen.p_value:.2g}): no touch is seen. "
-        "Touches and readings may not belong together, or the probe does not reach the skin."
+        f"the {counted(unseen.touched, 'touched frame')} {verb} from the untouched skin no more"
+        f" than the {unseen.untouched} untouched ones do (p = {unseen.p_value:.2g}): no touch is"
+        " seen. Touches and readings may not belong together, or the probe does not reach the skin."
     )
     return [Finding("unseen", WARNING, sentence, unseen.p_value)]
 
@@ -194,12 +196,11 @@ def second_touch(recording: Recording) -> list[Finding]:
     rows = second_touches.second_touches(recording)
     if not rows:
         return []
-    number = "1 press" if len(rows) == 1 else f"{len(rows)} presses"
     frames = np.sort(np.concatenate(rows))
     sentence = (
-        f"in {number}, {naming.frames(frames)}, the readings show a second touch, at another place"
-        " than the labelled one, that no label tells. A diagnosis leaves these frames out; a column"
-        " `touches` would tell it both."
+        f"in {counted(len(rows), 'press')}, {naming.frames(frames)}, the readings show a second"
+        " touch, at another place than the labelled one, that no label tells. A diagnosis leaves"
+        " these frames out; a column `touches` would tell it both."
     )
     return [Finding("second", WARNING, sentence, float(len(frames)), frame=int(frames[0]))]
 

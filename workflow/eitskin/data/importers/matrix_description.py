@@ -11,6 +11,7 @@ from eitskin.data.importers.protocol_search import common_protocol
 from eitskin.data.recording import NOTE, check_reading
 from eitskin.errors import InputError
 from eitskin.physics.skin import MAX_ELECTRODES, is_number
+from eitskin.yaml_number import hint
 
 PROTOCOL = ("electrodes", "drive", "measurement")
 DESCRIBING_KEYS = (
@@ -26,8 +27,14 @@ USUAL_NAMES = {  # names of columns that people give to labels
     "y_mm": "p_?y|y_?pos(ition)?|pos(ition)?_?y|tip_?y|y",
     "probe_mm": "(probe|tip|indenter)(_?(diameter|d|size))?|diameter",
     "depth_mm": "p_?z|z|indentation|z_?pos(ition)?",
-    "force_N": "f_?z|load(_?cell)?|newtons?",
-    "time_s": "t|seconds?|stamp|timestamp",
+    "force_N": "f_?z|f|load(_?cell)?|newtons?",
+    "time_s": "t|seconds?|stamp|timestamp|elapsed",
+}
+WITH_UNIT = USUAL_NAMES | {"depth_mm": "indentation"}  # z may be a robot's height
+LABEL_UNITS = {  # of a label's column, with what one of them is in the label's own unit
+    "mm": {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3, "µm": 1e-3, "μm": 1e-3},
+    "N": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
 }
 MIN_COMMON_LETTERS = (
     3  # letters that a column's name and its label's have in common, or the whole name
@@ -90,7 +97,10 @@ def read_description(path: Path) -> dict:
         is_number(description["rate_Hz"]) and description["rate_Hz"] > 0
     ):
         raise InputError(
-            file, "key rate_Hz", repr(description["rate_Hz"]), "frames a second, more than 0"
+            file,
+            "key rate_Hz",
+            repr(description["rate_Hz"]),
+            f"frames a second, more than 0{hint(description['rate_Hz'])}",
         )
     if not isinstance(description.get("skin", {}), dict):
         raise InputError(file, "key skin", repr(description["skin"]), "a mapping")
@@ -153,6 +163,20 @@ def missing_labels(path: Path, names: Sequence[str]) -> InputError | None:
         f"guessed, to be corrected: {example_text[:-1]}, labels: {{{guess}}}}}"
     )
     return InputError(path, "columns", violation, expected)
+
+
+def label_in_unit(name: str) -> tuple[str, float] | None:
+    """The label that a column's name with a unit means, and what one of that unit is in the
+    label's: `px [cm]` is x_mm, 10. None for a name that says no unit, or no label."""
+    match = re.fullmatch(r"(?P<stem>.+?)[ _]*[ _([](?P<unit>[A-Za-zµμ]+)[)\]]?", name.strip())
+    if match is None:
+        return None
+    for label, names in WITH_UNIT.items():
+        stem, _, unit = label.rpartition("_")
+        factor = LABEL_UNITS[unit].get(match["unit"])
+        if factor and re.fullmatch(f"{names}|{stem}", match["stem"], re.IGNORECASE):
+            return label, factor
+    return None
 
 
 def _probable_label(name: str, free_labels: list[str]) -> str:

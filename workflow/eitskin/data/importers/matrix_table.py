@@ -5,6 +5,7 @@ counts the rows is left out, columns of words are notes.
 """
 
 import zipfile
+from collections.abc import Container
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,12 @@ import numpy as np
 
 from eitskin import unfolding
 from eitskin.data.importers import array_choice, delimited, named_columns
-from eitskin.data.importers.matrix_description import LABELS, description_path, labels_path
+from eitskin.data.importers.matrix_description import (
+    LABELS,
+    description_path,
+    label_in_unit,
+    labels_path,
+)
 from eitskin.data.recording import NOTE
 from eitskin.errors import InputError
 
@@ -68,13 +74,14 @@ def read(path: Path, description: dict, array: str | None = None) -> Table:
                 description_path(path), "key labels", f"{actual}{labels!r}", "a file beside it"
             )
         cells = delimited.read(file)
-        names = cells.names or [""]
+        factors, renamed = _labels_in_units(cells.names or [], table.labels)
+        names = [renamed.get(name, name) for name in cells.names or [""]]
         for name in names:
             if not is_label(name) or name in table.labels or names.count(name) > 1:
                 expected = f"names among {', '.join(LABELS)}, {NOTE}..., each once"
                 raise InputError(file, "line of names", repr(name), expected)
         for column, name in enumerate(names):
-            table.labels[name] = _label(cells, name, column)
+            table.labels[name] = _label(cells, name, column, factors.get(name))
     return table
 
 
@@ -88,6 +95,8 @@ def _from_text(path: Path, columns: dict) -> Table:
     for name, column in columns.items():
         column_index = names.index(column) if column in names else column
         places[name] = _column(path, name, column_index, cells.width)
+    factors, renamed = _labels_in_units(names, places)
+    places |= {label: names.index(name) for name, label in renamed.items()}
     free_columns = [column for column in range(cells.width) if column not in places.values()]
     index = [column for column in free_columns if names and _counts_rows(cells, column)]
     words = [
@@ -97,7 +106,9 @@ def _from_text(path: Path, columns: dict) -> Table:
     ]
     places |= {f"{NOTE}{names[column]}": column for column in words}
     reading_columns = [column for column in free_columns if column not in (*index, *words)]
-    labels = {name: _label(cells, name, column) for name, column in places.items()}
+    labels = {
+        name: _label(cells, name, column, factors.get(name)) for name, column in places.items()
+    }
     values = cells.numbers(reading_columns)
     reading_names = [names[column] or str(column) for column in reading_columns if names]
     counted = "the column that counts the rows left out" if index else ""
@@ -107,9 +118,25 @@ def _from_text(path: Path, columns: dict) -> Table:
         )
         return Table(frames, {}, [], channels, unit, "a row a reading")
     reading_names, values, remark = named_columns.combined(path, reading_names, values)
-    remark = "; ".join(filter(None, (cells.remark, counted, remark)))
+    by_unit = ", ".join(f"{name} taken for {label}" for name, label in renamed.items())
+    remark = "; ".join(filter(None, (cells.remark, by_unit, counted, remark)))
     channels_by_name = named_columns.channels(reading_names)
     return Table(values, labels, reading_names, channels_by_name, None, remark)
+
+
+def _labels_in_units(
+    names: list[str], places: Container[str]
+) -> tuple[dict[str, float], dict[str, str]]:
+    """The factors to the units of labels that columns' names with a unit mean, and those labels by
+    column's name; of labels that have no place yet, and that one name alone means."""
+    meanings = {
+        name: meaning
+        for name in names
+        if not is_label(name) and (meaning := label_in_unit(name)) and meaning[0] not in places
+    }
+    labels = [label for label, _ in meanings.values()]
+    single = {name: meaning for name, meaning in meanings.items() if labels.count(meaning[0]) == 1}
+    return dict(single.values()), {name: label for name, (label, _) in single.items()}
 
 
 def _counts_rows(cells: delimited.Cells, column: int) -> bool:
@@ -127,13 +154,16 @@ def _is_words(cells: delimited.Cells, column: int) -> bool:
     return not any(delimited.is_number(row[column], cells.comma) for row in cells.rows)
 
 
-def _label(cells: delimited.Cells, name: str, column: int) -> np.ndarray | list:
+def _label(
+    cells: delimited.Cells, name: str, column: int, factor: float | None = None
+) -> np.ndarray | list:
+    """The values of a label; `factor`: what one of the column's unit is in the label's."""
     if name in WORDS or name.startswith(NOTE):
         return cells.words(column)
     numbers = cells.numbers([column])[:, 0]
     if np.iscomplexobj(numbers):
         raise InputError(cells.path, f"label {name}", "complex numbers", "real ones")
-    return numbers
+    return numbers if factor is None else factor * numbers
 
 
 def _column(path: Path, name: str, column: object, width: int) -> int:

@@ -163,6 +163,15 @@ class RecordingSimulator:
         """The start of the factor from simulated volts to readings of arbitrary unit, else 1."""
         return next((item.start for item in self.calibrations if item.name == "factor"), 1.0)
 
+    def with_skin(self, skin: Skin, factor: float = 1.0) -> "RecordingSimulator":
+        """The simulator of a skin of which all is known, with nothing to calibrate; factor: the
+        reading for a simulated volt."""
+        simulator = copy(self)
+        simulator.nominal_skin, simulator.families = skin, ()
+        simulator.calibrations = [Calibration("factor", "1", factor, FACTOR_SD)]
+        simulator._sensed = OrderedDict()
+        return simulator
+
     def with_displacements(self, steps: dict[str, np.ndarray]) -> "RecordingSimulator":
         """The simulator with touches displaced by steps (N,), by column of the states; no force
         becomes negative."""

@@ -1,0 +1,1 @@
+"""Estimators of touch, trained on simulators of a recording."""

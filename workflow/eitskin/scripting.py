@@ -1,0 +1,260 @@
+"""What `import eitskin` offers beside `read`: what the commands do, with arrays in between.
+
+Readings are (N, M): N frames of M channels, in the recording's unit.
+"""
+
+import json
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+from eitskin.data import check, reconstruct, recording
+from eitskin.data.recording import Recording, frames_table
+from eitskin.diagnose import files, parts
+from eitskin.diagnose.compare.result import comparison
+from eitskin.diagnose.fitting.excerpt import LIMIT_GIB
+from eitskin.diagnose.fitting.simulator import RecordingSimulator
+from eitskin.diagnose.report import page
+from eitskin.diagnose.verdict import corrected, words
+from eitskin.diagnose.verdict.record import Record, record
+from eitskin.errors import InputError
+from eitskin.physics import outline
+from eitskin.physics.skin import Skin
+from eitskin.simulators import Simulator
+
+SCHEMA = Path(__file__).parent / "diagnose" / "diagnosis.schema.yaml"
+ACROSS = 32  # pixels over the skin
+STEP = 1e-3  # relative, of a conductivity; of an effect's parameter, in its typical changes
+UNTOUCHED_STAGES = ("skin", "wiring", "instrument")  # of effects that untouched frames show
+
+
+@dataclass(frozen=True)
+class Report:
+    """An answer: of a diagnosis or of a comparison. A notebook shows its sentences.
+
+    document: the content of diagnosis.json or comparison.json; sentences: its words; simulator: the
+    corrected one, None of a comparison.
+    """
+
+    document: dict
+    sentences: list[str]
+    simulator: Simulator | None = None
+    recording: Recording | None = field(default=None, repr=False)
+    record: Record | None = field(default=None, repr=False)
+
+    @classmethod
+    def read(cls, folder: str | Path) -> "Report":
+        """The answer that `eitskin diagnose` wrote into a folder. Raises InputError for another."""
+        path = Path(folder) / "diagnosis.json"
+        try:
+            document = json.loads(path.read_text("utf-8"))
+        except (OSError, ValueError) as error:
+            expected = "the folder that eitskin diagnose wrote"
+            raise InputError(path, "file", type(error).__name__, expected) from error
+        return cls(document, all_sentences(document), Simulator.read(folder))
+
+    def write(self, folder: str | Path) -> Path:
+        """Write what `eitskin diagnose` writes into `folder`; the path of report.html. Raises
+        InputError for the answer of a comparison, or one that was read from files."""
+        if self.record is None or self.recording is None:
+            raise InputError("report", "record", "nothing", "the answer of eitskin.diagnose")
+        folder = Path(folder)
+        source, report = folder / "recording.parquet", folder / "report.html"
+        folder.mkdir(parents=True, exist_ok=True)
+        recording.write(self.recording, source)
+        files.write(self.record, folder, SCHEMA)
+        page.write(folder, source, SCHEMA, report)
+        return report
+
+    def _repr_html_(self) -> str:
+        """The sentences as HTML, the first one strong."""
+        first, *others = map(escape, self.sentences)
+        items = "".join(f"<li>{sentence}</li>" for sentence in others)
+        return f"<div><p><strong>{first}</strong></p><ul>{items}</ul></div>"
+
+
+def all_sentences(document: dict) -> list[str]:
+    """The sentences that `eitskin diagnose` prints of a diagnosis.json."""
+    told = [
+        "\n".join([f"{head}:", *sentences] if head else sentences)
+        for head, sentences in words.part_sentences(document) or [("", words.sentences(document))]
+    ]
+    bounds = words.bound_sentences(document["calibration"])
+    return [*"\n".join(told).split("\n"), *words.unlabelled_sentences(document), *bounds]
+
+
+def simulate(recorded: Recording, simulator: Simulator | None = None) -> np.ndarray:
+    """Noise-free readings (N, M) of the frames of a recording or query, by its channels; NaN in
+    frames whose touch is stated too poorly to be simulated.
+
+    simulator: by default as believed. Raises InputError where the physics has no solution.
+    """
+    model = RecordingSimulator(recorded)
+    simulator = simulator or Simulator.believed(recorded)
+    model = model.with_skin(simulator.skin, simulator.factor)
+    voltage = model.voltage(np.zeros(len(model.calibrations)), simulator.settings(model.channels))
+    return np.where(model.simulable[:, None], voltage, np.nan)
+
+
+@dataclass(frozen=True)
+class Jacobian:
+    """Derivatives of readings by a relative rise of the conductivity within discs.
+
+    matrix (M, K): of the untouched skin's readings; discs (K, 3): x_mm, y_mm, radius_mm.
+    """
+
+    matrix: np.ndarray
+    discs: np.ndarray
+
+    @cached_property
+    def is_seen(self) -> np.ndarray:
+        """(K,) bool: whether a disc changes any reading."""
+        return np.asarray((self.matrix != 0.0).any(axis=0))
+
+    def image(self, change: np.ndarray, strength: float | None = None) -> np.ndarray:
+        """(K,): the relative change of the conductivity in each disc that explains a change (M,) of
+        the readings: one Gauss-Newton step with a NOSER prior, whose strength generalised
+        cross-validation chooses where none is given. NaN readings are left out."""
+        is_read = np.isfinite(change)
+        matrix = self.matrix[np.ix_(is_read, self.is_seen)]
+        scale = np.linalg.norm(matrix, 2)
+        matrix, change = matrix / scale, change[is_read] / scale
+        if strength is None:
+            strength = reconstruct.strength(matrix, change[None])
+        image = np.zeros(len(self.discs))
+        image[self.is_seen] = reconstruct.noser(matrix, strength) @ change
+        return image
+
+
+def pixels(skin: Skin, across: int = ACROSS) -> np.ndarray:
+    """(K, 3): x_mm, y_mm, radius_mm of discs as large as the cells of a square grid with `across`
+    cells over the skin, at the centres of those that lie on it."""
+    assert skin.radius_mm is not None
+    centre = skin.radius_mm * reconstruct.pixels(across)
+    radius = 2.0 * skin.radius_mm / across / np.sqrt(np.pi)
+    return np.column_stack([centre.real, centre.imag, np.full(len(centre), radius)])
+
+
+def jacobian(
+    recorded: Recording, simulator: Simulator | None = None, discs: np.ndarray | None = None
+) -> Jacobian:
+    """Derivatives (M, K) of the untouched skin's readings by the conductivity, at the recording's
+    start.
+
+    discs (K, 3): the basis: x_mm, y_mm, radius_mm of discs in which the conductivity rises, by
+    default `pixels`; of the elements of a mesh, `peers.discs`. simulator: by default as believed.
+    Each derivative is a central difference of the closed form by the contrast of a disc. Raises
+    InputError where the physics has no solution.
+    """
+    simulator = simulator or Simulator.believed(recorded)
+    discs = pixels(simulator.skin) if discs is None else np.asarray(discs, float)
+    x_mm, y_mm, radius_mm = discs.T
+    shown = [
+        item
+        for item, setting in zip(
+            simulator.effects, simulator.settings(recorded.channels), strict=True
+        )
+        if setting.effect.stage in UNTOUCHED_STAGES and not getattr(setting.effect, "on_contact", 0)
+    ]
+    instants = np.zeros(len(discs))
+    frames = frames_table(instants, instants == 0, x_mm, y_mm, instants + STEP, 2.0 * radius_mm)
+    untouched = frames_table(np.zeros(1), np.zeros(1, bool))
+    metadata = recorded.metadata | {"values": "absolute", "voltage": "signed"}
+    raised, lowered = (
+        simulate(
+            Recording(frames, None, None, None, metadata),
+            replace(
+                simulator, skin=replace(simulator.skin, contrast_per_N=contrast), effects=shown
+            ),
+        )
+        for contrast in (1.0, -1.0)
+    )
+    matrix = (raised - lowered).T / (2.0 * STEP)
+    if recorded.metadata["voltage"] == "magnitude":
+        quiet = replace(simulator, effects=shown)
+        reading = simulate(Recording(untouched, None, None, None, metadata), quiet)[0]
+        matrix = matrix * np.sign(reading)[:, None]
+    return Jacobian(matrix, discs)
+
+
+def effect_jacobian(recorded: Recording, simulator: Simulator) -> dict[str, np.ndarray]:
+    """Derivatives (N, M) of the readings of all frames by every parameter of the simulator's
+    effects, per unit of the parameter, by central differences of STEP typical changes.
+
+    The keys are NAME.PARAMETER, of a parameter with a value a site NAME.PARAMETER[SITE]. Raises
+    InputError where the physics has no solution.
+    """
+    model = RecordingSimulator(recorded).with_skin(simulator.skin, simulator.factor)
+    stated_settings = simulator.settings(model.channels)
+    coordinates = np.zeros(len(model.calibrations))
+    derivatives: dict[str, np.ndarray] = {}
+    for index, setting in enumerate(stated_settings):
+        for key, parameter in setting.effect.parameters.items():
+            value = setting.values[key]
+            if value is None or parameter.whole:
+                continue
+            for position in np.ndindex(np.shape(value)):
+                ends = []
+                for sign in (-1.0, 1.0):
+                    end = np.array(value, float)
+                    scale = parameter.scale * (abs(end[position]) if parameter.low > 0 else 1.0)
+                    end[position] = np.clip(
+                        end[position] + sign * STEP * scale, parameter.low, parameter.high
+                    )
+                    values = setting.values | {key: end if end.ndim else float(end)}
+                    moved = [*stated_settings]
+                    moved[index] = replace(setting, values=values)
+                    ends.append((float(end[position]), model.voltage(coordinates, moved)))
+                (low, lowered), (high, raised) = ends
+                assert setting.sites is not None or not position
+                site = f"[{setting.sites[position]}]" if position else ""  # type: ignore[index]
+                derivatives[f"{setting.effect.name}.{key}{site}"] = (raised - lowered) / (
+                    high - low
+                )
+    return derivatives
+
+
+def diagnose(
+    recorded: Recording,
+    name: str = "recording",
+    query: Recording | None = None,
+    anyway: bool = False,
+    progress: bool = False,
+    memory_GiB: float = LIMIT_GIB,
+) -> Report:
+    """What the simulation of a recording leaves out, as `eitskin diagnose` says it.
+
+    query: states to predict, in `record.prediction` of the answer; anyway: go on with what the
+    check calls unusable. Raises InputError for a query in place of a recording, a skin that is no
+    disc, and a recording that is not usable.
+    """
+    recording.voltages(recorded, name)
+    outline.refuse(recorded.skin)
+    if not anyway:
+        for finding in check.check(recorded).of_severity(check.ERROR):
+            place = f"check, {finding.topic}"
+            raise InputError(name, place, finding.sentence[:-1], "a usable recording")
+    diagnosis = parts.diagnose(recorded, progress=progress, memory_GiB=memory_GiB)
+    answered = record(diagnosis, name, query)
+    fit = diagnosis.explanation.fit
+    model = fit.problem.model
+    calibration = fit.theta[: len(model.calibrations)]
+    factor = model.calibration_values(calibration).get("factor", 1.0)
+    simulator = Simulator(model.skin(calibration), corrected.effect_items(fit), factor)
+    return Report(
+        answered.document, all_sentences(answered.document), simulator, recorded, answered
+    )
+
+
+def compare(
+    control: Recording, later: Recording, names: tuple[str, str] = ("control", "later")
+) -> Report:
+    """What changed between two recordings of a skin, as `eitskin compare` says it, without a model
+    of the skin. Raises InputError where they cannot be compared."""
+    for recorded, name in zip((control, later), names, strict=True):
+        recording.voltages(recorded, name)
+    document = comparison(control, later, names)
+    return Report(document, document["sentences"])

@@ -1,0 +1,111 @@
+"""A skin with the effects on it and its instrument: as believed, as a diagnosis has it."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from eitskin import yaml_file
+from eitskin.data import stated
+from eitskin.data.recording import Recording, presses
+from eitskin.diagnose.fitting.excerpt import excerpt
+from eitskin.diagnose.fitting.fit import fit
+from eitskin.diagnose.fitting.readings import problem_of
+from eitskin.diagnose.fitting.simulator import RecordingSimulator
+from eitskin.diagnose.noise.estimate import estimate_noise
+from eitskin.effects.effect import Setting
+from eitskin.effects.settings import settings, site_counts
+from eitskin.errors import InputError
+from eitskin.physics.skin import Skin
+from eitskin.simulate.readings import simulate
+
+
+@dataclass(frozen=True)
+class Simulator:
+    """A skin and the effects on it and its instrument.
+
+    effects: entries of a configuration, {name, [electrodes, drives, measures or channels],
+    parameters}; factor: the reading for a simulated volt, where the recording's unit is arbitrary;
+    drawn: whether random parameters are drawn for every session.
+    """
+
+    skin: Skin
+    effects: Sequence[dict] = ()
+    factor: float = 1.0
+    drawn: bool = False
+
+    @classmethod
+    def believed(cls, recorded: Recording) -> "Simulator":
+        """The skin as its owner states it, with usual values for what is not stated. Raises
+        InputError where the scale of the readings is unknown and none can be estimated."""
+        model = RecordingSimulator(recorded)
+        return cls(model.nominal_skin, (), model.factor)
+
+    @classmethod
+    def calibrated(cls, recorded: Recording) -> "Simulator":
+        """The skin as its owner states it, calibrated on the recording as in a diagnosis without
+        effects. Raises InputError as a diagnosis does."""
+        part = excerpt(recorded)
+        problem, _ = problem_of(part, estimate_noise(part))
+        model = problem.model
+        fitted = fit(problem, [], np.zeros(len(model.calibrations)), polish=True)
+        factor = model.calibration_values(fitted.theta).get("factor", 1.0)
+        return cls(_at_one_ampere(model.skin(fitted.theta), recorded), (), factor)
+
+    @classmethod
+    def read(cls, folder: str | Path) -> "Simulator":
+        """The corrected simulator in the folder of a diagnosis, or in its effects.yaml, which
+        beside no diagnosis.json is in volts. Raises InputError for other files."""
+        path = Path(folder)
+        path = path / "effects.yaml" if path.is_dir() else path
+        twin = yaml_file.read(path).get("twin")
+        if not isinstance(twin, dict) or not {"skin", "effects"} <= twin.keys():
+            raise InputError(path, "key twin", "nothing", "the skin and effects of an effects.yaml")
+        skin = Skin.from_metadata(dict.fromkeys(stated.SKIN) | twin["skin"], str(path))
+        document = path.with_name("diagnosis.json")
+        factor = 1.0
+        if document.is_file():
+            calibration = json.loads(document.read_text("utf-8"))["calibration"]
+            factor = calibration.get("factor", {"value": 1.0})["value"]
+        return cls(skin, twin["effects"], factor)
+
+    def settings(self, channels: np.ndarray, draw: tuple[int, ...] = (0, 0)) -> list[Setting]:
+        """The effects at definite values, for channels (M, 4), random ones by the seed sequence
+        `draw`. Raises InputError for unknown names, sites or parameters and values out of bounds.
+        """
+        return settings(list(self.effects), site_counts(channels), draw)
+
+    def readings(self, states: pd.DataFrame, recorded: Recording, seed: int) -> np.ndarray:
+        """Noise-free signed readings (N, M) of frames with a column `session`, by the recording's
+        channels and in its unit; drawn parameters by the seed and the session's number."""
+        metadata, readings = recorded.metadata, np.empty((len(states), len(recorded.channels)))
+        session_of_frame = np.zeros(len(states)) if not self.drawn else states["session"]
+        for session, rows in states.groupby(np.asarray(session_of_frame)).indices.items():
+            session_recording = Recording(
+                states.iloc[rows].reset_index(drop=True), None, None, None, metadata
+            )
+            readings[rows] = simulate(
+                session_recording.frames,
+                presses(session_recording),
+                self.skin,
+                recorded.channels,
+                self.settings(recorded.channels, (seed, int(session))),
+                "train",
+                frame_s=metadata["frame_s"],
+                sink_grounded=metadata["source_reference"] == "sink-grounded",
+                force_max_N=largest_N(recorded),
+            )
+        return self.factor * readings
+
+
+def _at_one_ampere(skin: Skin, recorded: Recording) -> Skin:
+    """The skin, of a recording in ohm with a current of 1 A: its volts are those ohms."""
+    return replace(skin, current_A=1.0) if recorded.metadata["unit"] == "ohm" else skin
+
+
+def largest_N(recorded: Recording) -> float:
+    """The recording's largest force, 0 where none is known."""
+    return float(np.nan_to_num(recorded.frames["force_N"].to_numpy(float)).max())
