@@ -34,6 +34,7 @@ MISSING = object()
 COMMAND_LINE = "--config"  # the source of values that no file contains
 REFERRED_TO = {"rig.schema.yaml": Path(__file__).parent / "capture" / "rig.schema.yaml"}
 PATHS = ("path", "query")  # of a recording
+LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # of our own schemas: ten times as fast
 YTE = "__use_yte__"  # marks a configuration as a template for Snakemake
 
 
@@ -95,7 +96,7 @@ def read(file: str | Path) -> dict:
 def schema(path: str | Path) -> dict:
     """The schema in a file, completed with the names that the code defines: effects with their
     parameters, formats and orders of recordings, models."""
-    document = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    document = yaml.load(Path(path).read_bytes(), LOADER)
     effect_schema, properties = document["$defs"]["effect"], document["properties"]
     recording = properties["recordings"]["additionalProperties"]
     effect_schema["properties"]["name"]["enum"] = list(EFFECTS)
@@ -184,7 +185,7 @@ def _parameters(effect: Effect) -> dict:
 
 def _schema(uri: str) -> Resource:
     """A schema that another one refers to by the name of its file."""
-    return Resource.from_contents(yaml.safe_load(REFERRED_TO[uri].read_text(encoding="utf-8")))
+    return Resource.from_contents(yaml.load(REFERRED_TO[uri].read_bytes(), LOADER))
 
 
 def with_continuous(config: dict) -> dict[str, dict]:

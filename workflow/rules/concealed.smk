@@ -278,7 +278,7 @@ rule concealed_score:
         mem_mb=1000,
         runtime=15,
     params:
-        code=fingerprint("concealed_score", CATALOGUE + IMPORTERS),
+        code=fingerprint("concealed_score", CATALOGUE),
     message:
         "Scoring the opened block {wildcards.block}"
     script:
@@ -351,7 +351,7 @@ rule concealed_case:
         mem_mb=1000,
         runtime=5,
     params:
-        code=fingerprint("concealed_case", CATALOGUE + IMPORTERS, [SCHEMA]),
+        code=fingerprint("concealed_case", CATALOGUE, [SCHEMA]),
     message:
         "Drawing one concealed case"
     script:
