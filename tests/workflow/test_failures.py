@@ -14,20 +14,23 @@ from house import House
 pytestmark = pytest.mark.xdist_group("finished")
 
 # In the process of a script, given in the environment: the job dies as it starts, or as it has
-# written its first file, or has no room for it.
+# written its first file, or has no room for it, or waits for a file of the name `go`.
 FAILING = """
-import errno, os, signal, sys
+import errno, os, signal, sys, time
 rule, _, way = os.environ.get("FAILING", "").partition(":")
 if way and any(word.endswith(f".{rule}.py") for word in sys.orig_argv):
     if way == "at its start":
         os.kill(os.getpid(), signal.SIGKILL)
+    while way == "held" and not os.path.exists("go"):
+        time.sleep(0.05)
     replace = os.replace
     def failing(*paths):
         if way == "for want of room":
             raise OSError(errno.ENOSPC, "No space left on device", str(paths[1]))
         replace(*paths)
         os.kill(os.getpid(), signal.SIGKILL)
-    os.replace = failing
+    if way != "held":
+        os.replace = failing
 """
 AT_ITS_START, WRITTEN, NO_ROOM = "at its start", "once it has written", "for want of room"
 SPLIT = "results/splits/simulated-tiny/session.parquet"
@@ -61,29 +64,37 @@ STORIES = {
         ["ratios"],
     ),
 }
+WAYS = AT_ITS_START, WRITTEN, NO_ROOM
 FAILURES = [
-    *product(["perturbation"], STORIES["perturbation"][2], (AT_ITS_START, WRITTEN, NO_ROOM)),
-    *product(["skin"], ["mesh", "skin_effects"], (AT_ITS_START, WRITTEN)),
-    *product(["twin"], STORIES["twin"][2], (AT_ITS_START, WRITTEN)),
+    *product(["perturbation"], STORIES["perturbation"][2], WAYS),
+    *product(["skin"], ["mesh", "skin_effects"], WAYS),
+    *product(["twin"], STORIES["twin"][2], WAYS),
     *product(["code"], ["ratios"], (AT_ITS_START, NO_ROOM)),
 ]
 
 
-def run(house: House, target: str, failing: str = "") -> tuple[int, set[str]]:
-    """The exit code of a run, and the rules of the jobs that it meant to do."""
+def begun(house: House, target: str, failing: str = "") -> subprocess.Popen:
+    """A run in the background."""
     site = house.folder.parent / "site"
     site.mkdir(exist_ok=True)
     (site / "sitecustomize.py").write_text(FAILING)
     path = f"{site}{os.pathsep}{house.environment['PYTHONPATH']}"
-    done = subprocess.run(
+    return subprocess.Popen(
         house.command("--", target, cores=1),
         cwd=house.folder,
         env=house.environment | {"PYTHONPATH": path, "FAILING": failing},
-        capture_output=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
         text=True,
     )
-    stats = re.findall(r"^(\w+) +\d+$", done.stdout + done.stderr, re.MULTILINE)
-    return done.returncode, set(stats) - {"total", "all"}
+
+
+def run(house: House, target: str, failing: str = "") -> tuple[int, set[str]]:
+    """The exit code of a run, and the rules of the jobs that it meant to do."""
+    process = begun(house, target, failing)
+    said, _ = process.communicate()
+    stats = re.findall(r"^(\w+) +\d+$", said, re.MULTILINE)
+    return process.returncode, set(stats) - {"total", "all"}
 
 
 @pytest.fixture
@@ -120,20 +131,18 @@ def forgetful(house: House) -> None:
     shutil.rmtree(house.folder / ".snakemake")
 
 
-def begun_twice(house: House, target: str) -> None:
-    """A run to its end; one more that is begun meanwhile does nothing, nor does a plan."""
-    command = house.command("--", target, cores=1)
-    first = subprocess.Popen(
-        command, cwd=house.folder, env=house.environment, stderr=subprocess.DEVNULL
-    )
-    deadline = time.monotonic() + 300
+def run_twice(house: House, target: str, held: str) -> None:
+    """A run to its end, the job of a rule being held; one more that is begun meanwhile is refused,
+    and a plan is of no consequence."""
+    first = begun(house, target, f"{held}:held")
     while not list((house.folder / ".snakemake" / "locks").glob("*.lock")):
-        assert first.poll() is None and time.monotonic() < deadline
+        assert first.poll() is None
         time.sleep(0.01)
-    code, planned = run(house, target)
-    assert code == 1 and planned == set()
+    assert run(house, target) == (1, set())
     house.jobs(target)
-    assert first.wait() == 0
+    (house.folder / "go").touch()
+    first.communicate()
+    assert first.returncode == 0
 
 
 def test_failures_one_after_the_other_are_all_mended_by_the_next_run(house, whole):
@@ -152,7 +161,7 @@ def test_failures_one_after_the_other_are_all_mended_by_the_next_run(house, whol
         assert run(house, SPLIT, failing) == (1, set(planned))
         if mishap is not None:
             mishap(house)
-    begun_twice(house, SPLIT)
+    run_twice(house, SPLIT, "split")
     assert run(house, SPLIT) == (0, set())
     assert house.digests() == whole(EDIT, SPLIT, (*CHAIN,))
 
