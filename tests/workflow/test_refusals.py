@@ -1,5 +1,8 @@
 """Wrong input stops the workflow with one line, before any work."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -72,6 +75,25 @@ def test_the_file_of_defaults_is_refused_by_line(fresh, tmp_path, text, message)
     assert run.stderr.splitlines()[-1].startswith(message)
     assert "Traceback" not in run.stderr and "Snakefile" not in run.stderr
     assert not (house.folder / "results").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("models: [mlp\nseed: 1\n", "more.yaml: line 2, column 5: found ':', expected ',' or ']'"),
+        (None, "more.yaml: file: found No such file or directory, expected a YAML file"),
+    ],
+)
+def test_a_further_file_is_refused_by_line_before_snakemake_reads_it(tmp_path, text, message):
+    if text is not None:
+        (tmp_path / "more.yaml").write_text(text)
+    read = subprocess.run(
+        [sys.executable, "-m", "eitskin.configuration", "more.yaml"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert read.returncode == 1 and read.stderr == f"{message}\n"
 
 
 def test_a_damaged_recording_leaves_nothing_half_written(fresh, tmp_path):

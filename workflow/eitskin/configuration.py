@@ -1,8 +1,13 @@
-"""The configuration: checked before any work, and refused in one line."""
+"""The configuration: checked before any work, and refused in one line.
+
+Snakemake reads files given with --configfile before the workflow can, and names neither file nor
+line where one is missing or no YAML; `python -m eitskin.configuration FILE ...` does.
+"""
 
 import contextlib
 import os
 import re
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from functools import reduce
 from operator import getitem
@@ -20,7 +25,7 @@ from eitskin.data.channel_order import ORDERS
 from eitskin.effects import EFFECTS, on_readings
 from eitskin.effects.effect import START, Effect
 from eitskin.effects.settings import settings, site_counts
-from eitskin.errors import InputError
+from eitskin.errors import InputError, reported
 from eitskin.learn import models
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.protocol import channel_table, pattern_step
@@ -475,3 +480,9 @@ def _value_at(place: list, node: Any) -> Any:
             return MISSING
         node = node[part]
     return node
+
+
+if __name__ == "__main__":
+    with reported("logs/configuration.log"):
+        for file in sys.argv[1:]:
+            read(file)

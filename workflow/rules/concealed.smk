@@ -29,13 +29,7 @@ for block, number, cases in numbered(UNSEALED):
         params:
             block=block,
             cases=cases,
-            seed=BLOCKS[block]["seed"],
-            sizes={
-                "cases": BLOCKS[block]["cases"],
-                "frames": CONCEALED["frames"],
-                "query_frames": CONCEALED["query_frames"],
-                "rig": BLOCKS[block].get("rig", False),
-            },
+            **drawn(block),
             real=REAL_SETS,
             code=fingerprint("conceal", CATALOGUE + IMPORTERS),
         message:
