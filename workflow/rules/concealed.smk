@@ -27,9 +27,9 @@ for block, number, cases in numbered(UNSEALED):
             mem_mb=3000,
             runtime=60,
         params:
+            **drawn(block),
             block=block,
             cases=cases,
-            **drawn(block),
             real=REAL_SETS,
             code=fingerprint("conceal", CATALOGUE + IMPORTERS),
         message:
