@@ -205,7 +205,7 @@ def test_without_snakemake_s_records_an_edit_plans_what_it_does_with_them(house)
     assert house.pending() == pending and len(pending) > 20
 
 
-@pytest.mark.parametrize("days", [-10_000, 1])
+@pytest.mark.parametrize("days", [-10_000, pytest.param(1, marks=pytest.mark.long)])
 def test_times_of_files_are_no_reason(house, days):
     late = time.time() + days * 86_400
     for file in (house.folder / "results").rglob("*parquet"):

@@ -122,6 +122,7 @@ def test_a_new_effect_reruns_what_a_diagnosis_may_name(house, like, rules):
     assert house.jobs() == rules
 
 
+@pytest.mark.long
 def test_a_style_of_one_figure_redraws_it_alone(house):
     drawn = house.snakemake("--", "figure_1", "figure_4")
     assert drawn.returncode == 0, drawn.stderr
@@ -141,6 +142,7 @@ def test_what_is_other_for_a_model_reaches_it(finished):
     assert found["mlp"]["widths"] == [32, 16] and found["mlp"]["budget"]["epochs"] == 2
 
 
+@pytest.mark.long
 def test_support_vectors_know_neither_adam_nor_epochs(house):
     svr = "results/metrics/simulated-tiny/session/small/svr.csv"
     assert house.snakemake("--", svr).returncode == 0

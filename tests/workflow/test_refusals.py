@@ -96,6 +96,7 @@ def test_a_further_file_is_refused_by_line_before_snakemake_reads_it(tmp_path, t
     assert read.returncode == 1 and read.stderr == f"{message}\n"
 
 
+@pytest.mark.long
 def test_a_damaged_recording_leaves_nothing_half_written(fresh, tmp_path):
     house = fresh.copy(tmp_path / "house")
     (house.folder / "broken.parquet").write_bytes(b"PAR1 and no more")
