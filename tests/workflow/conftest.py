@@ -6,8 +6,10 @@ from house import House
 
 @pytest.fixture(scope="session")
 def fresh(tmp_path_factory) -> House:
-    """The workflow before its first run; not to be run or edited, but copied."""
-    return House.build(tmp_path_factory.mktemp("fresh") / "house")
+    """The workflow before its first run, its modules parsed; to be copied, not run or edited."""
+    house = House.build(tmp_path_factory.mktemp("fresh") / "house")
+    assert house.forked("--list-rules").returncode == 0
+    return house
 
 
 @pytest.fixture(scope="session")

@@ -8,7 +8,9 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from importlib import import_module
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,6 +20,7 @@ import durations
 ROOT = Path(__file__).parents[2]
 TINY = "tiny.yaml"
 SCORE, TOOK = "results/concealed/demo/score/", "seconds"  # what a diagnosis took is in it
+SAID = ("out", "err", "seconds")
 PLANS = {"--dry-run", "--summary", "--detailed-summary"}
 # Nothing of the workflow's own, which each copy has to itself.
 LIBRARIES = [
@@ -27,6 +30,15 @@ LIBRARIES = [
     "pyarrow.parquet",
     "scipy.io",
     "scipy.spatial",
+]
+# What the rules import of it.
+OWN = [
+    "eitskin.capture.attachment",
+    "eitskin.configuration",
+    "eitskin.paper.rows",
+    "eitskin.provenance",
+    "proof.blocks",
+    "proof.real_sets",
 ]
 FORKS = get_context("forkserver")
 FORKS.set_forkserver_preload(LIBRARIES)
@@ -49,6 +61,34 @@ def plan(folder: str, environment: dict[str, str], arguments: list[str], *files:
         cli.main()
     finally:
         Path(seconds).write_text(str(sum(os.times()[:4])))
+
+
+def plans(folder: str, environment: dict, arguments: list, edits: Sequence, said: str) -> None:
+    """Plans after edits, one after the other and each without those before it, by forks of this
+    process, which has the workflow's own modules as well; what plan k prints in `said`/k."""
+    sys.path[:0] = [environment["PYTHONPATH"]]
+    for name in OWN:
+        import_module(name)
+    for number, replacements in enumerate(edits):
+        place = Path(said, str(number))
+        place.mkdir()
+        with House(Path(folder)).edited(replacements):
+            child = os.fork()
+            if child == 0:
+                try:
+                    plan(folder, environment, arguments, *(str(place / name) for name in SAID))
+                finally:
+                    sys.stdout.flush()
+                    os._exit(0)
+            os.waitpid(child, 0)
+
+
+def summary(out: str, err: str) -> dict[str, bool]:
+    """Of each file in what `--summary` prints, whether it is to be written anew."""
+    header, *lines = [line.split("\t") for line in out.splitlines() if line] or [[]]
+    assert lines, err
+    plan, file = header.index("plan"), header.index("output_file")
+    return {line[file]: line[plan] != "no update" for line in lines}
 
 
 class House:
@@ -104,7 +144,7 @@ class House:
         takes longer than to plan, or to refuse."""
         command = self.command(*arguments, cores=cores)
         with TemporaryDirectory() as said:
-            files = [Path(said) / name for name in ("out", "err", "seconds")]
+            files = [Path(said) / name for name in SAID]
             given = (str(self.folder), self.environment, command[3:], *map(str, files))
             process = FORKS.Process(target=plan, args=given)
             process.start()
@@ -120,13 +160,41 @@ class House:
         assert text.count(old) == 1, f"{old!r} stands {text.count(old)} times in {file}"
         path.write_text(text.replace(old, new), encoding="utf-8")
 
+    @contextmanager
+    def edited(self, replacements: Sequence[tuple[str, str | None, str]]) -> Iterator[None]:
+        """Texts replaced in files meanwhile, each there once; added at the end in place of None."""
+        before = {file: (self.folder / file).read_bytes() for file, _, _ in replacements}
+        for file, old, new in replacements:
+            if old is None:
+                with (self.folder / file).open("a", encoding="utf-8") as stream:
+                    stream.write(new)
+            else:
+                self.edit(file, old, new)
+        yield
+        for file, content in before.items():
+            (self.folder / file).write_bytes(content)
+
+    def after(self, edits: Sequence[Sequence[tuple[str, str | None, str]]]) -> list[dict]:
+        """After each of some edits of this finished run: whether the next run would write a file
+        anew, by its path."""
+        command = self.command("--summary")
+        with TemporaryDirectory() as said:
+            given = (str(self.folder), self.environment, command[3:], edits, said)
+            process = FORKS.Process(target=plans, args=given)
+            process.start()
+            process.join()
+            found = []
+            for number in range(len(edits)):
+                out, err, seconds = (Path(said, str(number), name).read_text() for name in SAID)
+                durations.forked_seconds.append(float(seconds))
+                found.append(summary(out, err))
+        return found
+
     def pending(self) -> set[str]:
         """Output files that the next run would write anew."""
         found = self.snakemake("--summary")
         assert found.returncode == 0, found.stderr
-        header, *lines = [line.split("\t") for line in found.stdout.splitlines() if line]
-        plan, file = header.index("plan"), header.index("output_file")
-        return {line[file] for line in lines if line[plan] != "no update"}
+        return {file for file, stale in summary(found.stdout, found.stderr).items() if stale}
 
     def jobs(self, *targets: str, files: Sequence[str] = ()) -> set[str]:
         """The rules of the jobs that the next run would do, `all` left out; with more configuration

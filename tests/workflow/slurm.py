@@ -18,7 +18,9 @@ OF_SLURM = ("slurmctld", "slurmd", "slurmstepd")
 SEARCHED = os.pathsep.join([os.environ["PATH"], "/usr/sbin"])
 SCRIPTS = b"/.snakemake/scripts/"  # where Snakemake lays what it runs
 SYSTEM_FILE = Path("/etc/slurm/slurm.conf")  # the executor's job steps know no other
-OWNER = "owner.pid"  # of the process that ends the daemons
+OWNER = "owner.pid"  # of the process that ends the daemons, and when that began
+MARK = "EITSKIN_SLURM"  # in the environment of all daemons: the folder of their cluster
+ENDINGS = (signal.SIGTERM, signal.SIGHUP)  # besides Ctrl-C, which Python raises by itself
 NODES = ("n1", "n2")
 NAME = "loopback"
 CONFIGURATION = """\
@@ -82,8 +84,10 @@ def obstacle() -> str | None:
 def _left_behind() -> Path | None:
     """The folder of a cluster that a killed run has left, maybe with its daemons."""
     owner = SYSTEM_FILE.resolve().with_name(OWNER)
-    alive = owner.exists() and Path(f"/proc/{owner.read_text()}").exists()
-    return owner.parent if owner.exists() and not alive else None
+    if not owner.exists():
+        return None
+    pid, begin = owner.read_text().split()
+    return None if _begin(int(pid)) == begin else owner.parent
 
 
 class Cluster:
@@ -137,7 +141,7 @@ def loopback(folder: Path) -> Iterator[Cluster]:
         _stop(left)
     SYSTEM_FILE.unlink(missing_ok=True)  # also a link to nothing
     (folder / "state").mkdir(parents=True)
-    (folder / OWNER).write_text(str(os.getpid()))
+    (folder / OWNER).write_text(f"{os.getpid()} {_begin(os.getpid())}")
     key, file = folder / "munge.key", folder / "slurm.conf"
     key.write_bytes(secrets.token_bytes(128))
     key.chmod(0o600)
@@ -148,9 +152,10 @@ def loopback(folder: Path) -> Iterator[Cluster]:
     SYSTEM_FILE.parent.mkdir(exist_ok=True)
     SYSTEM_FILE.symlink_to(file)
     cluster = Cluster(folder)
-    before = signal.signal(signal.SIGTERM, _end)
+    before = {number: signal.signal(number, _end) for number in ENDINGS}
     try:
         _start(
+            folder,
             "munged",
             "--force",
             f"--key-file={key}",
@@ -159,19 +164,35 @@ def loopback(folder: Path) -> Iterator[Cluster]:
             f"--log-file={folder}/munged.log",
             f"--seed-file={folder}/munge.seed",
         )
-        _start("slurmctld")
+        _start(folder, "slurmctld")
         for node in NODES:
-            _start("slurmd", "-N", node)
+            _start(folder, "slurmd", "-N", node)
         _wait_for_nodes(cluster)
         yield cluster
     finally:
+        for number in (*ENDINGS, signal.SIGINT):  # nobody interrupts the end
+            signal.signal(number, signal.SIG_IGN)
         _stop(folder)
         SYSTEM_FILE.unlink()
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in {**before, signal.SIGINT: signal.default_int_handler}.items():
+            signal.signal(number, handler)
 
 
 def _end(*_) -> None:
     raise SystemExit("ended by a signal")
+
+
+def _stat(pid: int | str) -> list[str]:
+    """What /proc tells of a process behind its name, its state first; of one that is none: Z."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return ["Z"]
+
+
+def _begin(pid: int) -> str | None:
+    """When a process began, in ticks since the start of the machine; None where it has ended."""
+    return None if (stat := _stat(pid))[0] == "Z" else stat[19]
 
 
 def _configuration(folder: Path) -> str:
@@ -195,10 +216,11 @@ def _free_ports(count: int) -> list[int]:
             one.close()
 
 
-def _start(daemon: str, *arguments: str) -> None:
+def _start(folder: Path, daemon: str, *arguments: str) -> None:
     """Start a daemon, which goes to the background by itself."""
     command = [shutil.which(daemon, path=SEARCHED), *arguments]
-    subprocess.run(command, check=True, timeout=60, stdin=subprocess.DEVNULL)
+    marked = os.environ | {MARK: str(folder)}
+    subprocess.run(command, check=True, timeout=60, stdin=subprocess.DEVNULL, env=marked)
 
 
 def _wait_for_nodes(cluster: Cluster) -> None:
@@ -211,12 +233,24 @@ def _wait_for_nodes(cluster: Cluster) -> None:
 
 def _stop(folder: Path) -> None:
     """End nodes, the controller, what they sign messages by, and whatever ran in jobs; also where
-    no controller answers any more."""
+    no controller answers any more, and daemons that have not written their pid yet."""
     for name in (*(f"slurmd-{node}" for node in NODES), "slurmctld", "munged"):
-        if (pid := _pid(folder / f"{name}.pid")) and _is(pid, name.partition("-")[0]):
-            os.kill(pid, signal.SIGTERM)
-            _wait_for_end(pid)
+        daemon = name.partition("-")[0]
+        written = {_pid(folder / f"{name}.pid")}  # a daemon that has set its title hides its mark
+        marked = {pid for pid in _processes() if f"{MARK}={folder}" in _environment(pid)}
+        for pid in filter(None, written | marked):
+            if _is(pid, daemon):
+                with suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGTERM)
+                    _wait_for_end(pid)
     _kill_jobs(None)
+
+
+def _environment(pid: int | str) -> list[str]:
+    try:
+        return Path(f"/proc/{pid}/environ").read_bytes().decode(errors="replace").split("\0")
+    except OSError:  # it has ended meanwhile
+        return []
 
 
 def _pid(file: Path) -> int | None:
@@ -234,7 +268,7 @@ def _is(pid: int, name: str) -> bool:
 
 def _wait_for_end(pid: int) -> None:
     end = time.monotonic() + 20
-    while Path(f"/proc/{pid}").exists():
+    while _stat(pid)[0] != "Z":
         if time.monotonic() > end:
             os.kill(pid, signal.SIGKILL)
             end = float("inf")
@@ -260,17 +294,13 @@ def _command(process: Path) -> bytes:
 
 def _belongs(process: Path, jobs: list[str] | None) -> bool:
     """Whether a process is of one of some jobs, of any for None, or is the daemon of its step."""
-    try:
-        lines = (process / "environ").read_bytes().decode(errors="replace").split("\0")
-        stopped = (process / "stat").read_text().rpartition(")")[2].split()[0] == "Z"
-    except OSError:  # it has ended meanwhile
-        return False
+    lines = _environment(process.name)
     told = dict(line.split("=", 1) for line in lines if line.startswith("SLURM_"))
     step = re.match(rb"slurmstepd: \[(\d+)\.", _command(process))
     if told.get("SLURM_CLUSTER_NAME") != NAME and not step:
         return False
     number = step[1].decode() if step else told.get("SLURM_JOB_ID")
-    return not stopped and (jobs is None or number in jobs)
+    return _stat(process.name)[0] != "Z" and (jobs is None or number in jobs)
 
 
 def _said(*command: str) -> str:

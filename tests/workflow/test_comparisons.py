@@ -2,6 +2,7 @@
 
 import json
 
+import pytest
 import yaml
 
 from eitskin import cli
@@ -11,6 +12,7 @@ from small_skin import small_recording
 GAIN = {"name": "drive-gain", "drives": [5], "parameters": {"gain": 1.05}}
 
 
+@pytest.mark.long
 def test_two_recordings_are_compared_as_by_the_command(fresh, tmp_path):
     house = fresh.copy(tmp_path / "house")
     files = {name: house.folder / f"{name}.parquet" for name in ("a", "b")}

@@ -31,12 +31,6 @@ def table(run):
     return {line[0]: dict(zip(header, line, strict=True)) for line in lines}
 
 
-def pending(house):
-    """Files of the report and of what it is made from that the next run would write anew."""
-    rows = table(house.snakemake("--detailed-summary", "--", REPORT))
-    return {file for file, row in rows.items() if row["plan"] != "no update"}
-
-
 def test_the_twin_s_diagnosis_names_what_was_hidden(finished):
     said = json.loads((finished.folder / FOLDER / "diagnosis.json").read_text(encoding="utf-8"))
     assert said["recording"] == "simulated-twin" and said["verdict"] == "explained"
@@ -70,18 +64,6 @@ def test_a_diagnosis_is_made_of_the_recording_its_check_and_the_schema_alone(fin
             for name in files(row):
                 assert name in inputs or name.startswith(FOLDER), (file, name)
     assert files(rows[recorded]) == {"results/twin/simulated-twin.parquet"}
-
-
-def test_what_the_simulated_sets_hide_leaves_the_diagnosis_alone(house):
-    house.edit("tiny.yaml", "{epsilon: 0.03}", "{epsilon: 0.04}")
-    assert not pending(house)
-
-
-def test_what_the_twin_hides_reaches_the_diagnosis_by_the_recording(house):
-    house.edit("tiny.yaml", "{ratio: 2.0}", "{ratio: 3.0}")
-    assert {"results/recordings/simulated-twin.parquet", f"{FOLDER}/diagnosis.json"} <= pending(
-        house
-    )
 
 
 @pytest.mark.long

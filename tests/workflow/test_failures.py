@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import time
+from functools import cache
 from itertools import product
 
 import pytest
@@ -13,44 +14,87 @@ from house import House
 pytestmark = pytest.mark.xdist_group("finished")
 
 # In the process of a script, given in the environment: the job dies as it starts, or as it has
-# written its first file, or has no room for it.
+# written its first file, or has no room for it, or waits for a file of the name `go`.
 FAILING = """
-import errno, os, signal, sys
+import errno, os, signal, sys, time
 rule, _, way = os.environ.get("FAILING", "").partition(":")
 if way and any(word.endswith(f".{rule}.py") for word in sys.orig_argv):
     if way == "at its start":
         os.kill(os.getpid(), signal.SIGKILL)
+    while way == "held" and not os.path.exists("go"):
+        time.sleep(0.05)
     replace = os.replace
     def failing(*paths):
         if way == "for want of room":
             raise OSError(errno.ENOSPC, "No space left on device", str(paths[1]))
         replace(*paths)
         os.kill(os.getpid(), signal.SIGKILL)
-    os.replace = failing
+    if way != "held":
+        os.replace = failing
 """
-WAYS = ("at its start", "once it has written", "for want of room")
+AT_ITS_START, WRITTEN, NO_ROOM = "at its start", "once it has written", "for want of room"
 SPLIT = "results/splits/simulated-tiny/session.parquet"
-METRICS = "results/metrics/simulated-tiny/session/small/physics-informed-mlp.csv"
 EDIT = ("tiny.yaml", "{epsilon: 0.03}", "{epsilon: 0.04}")
 CHAIN = ["perturb", "simulated_dataset", "split"]
-LEARNED = [*CHAIN, "train_autoencoder", "train_regressor", "train_predictor", "evaluate"]
+TEACHERS = {"train_autoencoder", "train_regressor"}
+# By name: an edit, what is asked for, the rules that make it again, one after the other.
+STORIES = {
+    "perturbation": (
+        EDIT,
+        "results/metrics/simulated-tiny/session/small/physics-informed-mlp.csv",
+        [*CHAIN, "train_autoencoder", "train_regressor", "train_predictor", "evaluate"],
+    ),
+    "skin": (
+        ("config.yaml", "mean_N: 5.0", "mean_N: 5.5"),
+        "results/datasets/simulated-tiny.parquet",
+        ["mesh", "skin_effects", "perturb", "simulated_dataset"],
+    ),
+    "twin": (
+        ("tiny.yaml", "{ratio: 2.0}", "{ratio: 3.0}"),
+        "results/datasets/simulated-twin.parquet",
+        ["twin", "import_recording", "check", "record_dataset"],
+    ),
+    "code": (
+        (
+            "workflow/eitskin/limit/ratios.py",
+            "import pandas as pd\n",
+            "import pandas as pd\n\nX = 1\n",
+        ),
+        "results/limit/simulated-tiny-continuous.ratios.csv",
+        ["ratios"],
+    ),
+}
+WAYS = AT_ITS_START, WRITTEN, NO_ROOM
+FAILURES = [
+    *product(["perturbation"], STORIES["perturbation"][2], WAYS),
+    *product(["skin"], ["mesh", "skin_effects"], WAYS),
+    *product(["twin"], STORIES["twin"][2], WAYS),
+    *product(["code"], ["ratios"], (AT_ITS_START, NO_ROOM)),
+]
 
 
-def run(house: House, target: str, failing: str = "") -> tuple[int, set[str]]:
-    """The exit code of a run, and the rules of the jobs that it meant to do."""
+def begun(house: House, target: str, failing: str = "") -> subprocess.Popen:
+    """A run in the background."""
     site = house.folder.parent / "site"
     site.mkdir(exist_ok=True)
     (site / "sitecustomize.py").write_text(FAILING)
     path = f"{site}{os.pathsep}{house.environment['PYTHONPATH']}"
-    done = subprocess.run(
+    return subprocess.Popen(
         house.command("--", target, cores=1),
         cwd=house.folder,
         env=house.environment | {"PYTHONPATH": path, "FAILING": failing},
-        capture_output=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
         text=True,
     )
-    stats = re.findall(r"^(\w+) +\d+$", done.stdout + done.stderr, re.MULTILINE)
-    return done.returncode, set(stats) - {"total", "all"}
+
+
+def run(house: House, target: str, failing: str = "") -> tuple[int, set[str]]:
+    """The exit code of a run, and the rules of the jobs that it meant to do."""
+    process = begun(house, target, failing)
+    said, _ = process.communicate()
+    stats = re.findall(r"^(\w+) +\d+$", said, re.MULTILINE)
+    return process.returncode, set(stats) - {"total", "all"}
 
 
 @pytest.fixture
@@ -59,41 +103,99 @@ def house(finished, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def edited(finished, tmp_path_factory) -> dict[str, str]:
-    """The results of an uninterrupted run after the edit, by target."""
-    digests = {}
-    house = finished.copy(tmp_path_factory.mktemp("edited") / "house")
-    house.edit(*EDIT)
-    assert run(house, SPLIT) == (0, set(CHAIN))
-    digests[SPLIT] = house.digests()
-    return digests
+def whole(finished, tmp_path_factory):
+    """The results of an uninterrupted run after an edit, by the edit and what is asked for."""
+
+    @cache
+    def results(edit: tuple, target: str, rules: tuple) -> dict[str, str]:
+        house = finished.copy(tmp_path_factory.mktemp("whole") / "house")
+        house.edit(*edit)
+        assert run(house, target) == (0, set(rules))
+        return house.digests()
+
+    return results
 
 
-def test_what_fails_after_an_edit_is_made_by_the_next_run_with_all_that_follows(house, edited):
+def lost(house: House, *files: str) -> None:
+    """What a cluster takes away of a group of jobs of which one has failed."""
+    for file in files:
+        (house.folder / file).unlink()
+
+
+def older(house: House) -> None:
+    for file in (house.folder / "results").rglob("*.parquet"):
+        os.utime(file, (1e9, 1e9))
+
+
+def forgetful(house: House) -> None:
+    shutil.rmtree(house.folder / ".snakemake")
+
+
+def run_twice(house: House, target: str, held: str) -> None:
+    """A run to its end, the job of a rule being held; one more that is begun meanwhile is refused,
+    and a plan is of no consequence."""
+    first = begun(house, target, f"{held}:held")
+    while not list((house.folder / ".snakemake" / "locks").glob("*.lock")):
+        assert first.poll() is None
+        time.sleep(0.01)
+    assert run(house, target) == (1, set())
+    house.jobs(target)
+    (house.folder / "go").touch()
+    first.communicate()
+    assert first.returncode == 0
+
+
+def test_failures_one_after_the_other_are_all_mended_by_the_next_run(house, whole):
+    """Each run is asked for the same and makes what the one before has left."""
     house.edit(*EDIT)
-    left = CHAIN
-    for place, rule in enumerate(CHAIN):
-        for way in WAYS[:2] if rule != "split" else WAYS:
-            assert run(house, SPLIT, f"{rule}:{way}") == (1, set(left))
-            left = CHAIN[place:]
-    assert run(house, SPLIT) == (0, {"split"})
+    made = "results/simulated/tiny/3-crosstalk.parquet", "results/datasets/simulated-tiny.parquet"
+    for failing, planned, mishap in (
+        (f"perturb:{AT_ITS_START}", CHAIN, None),
+        (f"perturb:{WRITTEN}", CHAIN, forgetful),
+        (f"simulated_dataset:{AT_ITS_START}", CHAIN, None),
+        (f"simulated_dataset:{WRITTEN}", CHAIN[1:], older),
+        (f"split:{AT_ITS_START}", CHAIN[1:], None),
+        (f"split:{WRITTEN}", CHAIN[2:], lambda house: lost(house, *made)),
+        (f"split:{NO_ROOM}", CHAIN, None),
+    ):
+        assert run(house, SPLIT, failing) == (1, set(planned))
+        if mishap is not None:
+            mishap(house)
+    run_twice(house, SPLIT, "split")
     assert run(house, SPLIT) == (0, set())
-    assert house.digests() == edited[SPLIT]
+    assert house.digests() == whole(EDIT, SPLIT, (*CHAIN,))
 
 
 @pytest.mark.rehearsal
-@pytest.mark.parametrize(("rule", "way"), [*product(LEARNED, WAYS)])
-def test_a_run_of_all_goes_on_after_a_job_has_failed(finished, house, rule, way):
-    whole = finished.copy(house.folder.parent / "whole")
-    for each in (house, whole):
-        each.edit(*EDIT)
-    assert run(whole, METRICS) == (0, set(LEARNED))
-    code, planned = run(house, METRICS, f"{rule}:{way}")
-    assert code == 1 and planned == set(LEARNED)
-    code, planned = run(house, METRICS)
-    ahead = set(LEARNED[LEARNED.index(rule) :])
-    assert code == 0 and ahead <= planned <= ahead | {"train_autoencoder", "train_regressor"}
-    assert house.digests() == whole.digests()
+@pytest.mark.parametrize(("story", "rule", "way"), FAILURES)
+def test_a_run_goes_on_after_a_job_has_failed(house, whole, story, rule, way):
+    edit, target, rules = STORIES[story]
+    house.edit(*edit)
+    assert run(house, target, f"{rule}:{way}") == (1, set(rules))
+    code, planned = run(house, target)
+    ahead = set(rules[rules.index(rule) :])
+    assert code == 0 and ahead <= planned <= ahead | TEACHERS
+    assert house.digests() == whole(edit, target, (*rules,))
+
+
+@pytest.mark.rehearsal
+def test_a_group_that_is_lost_is_made_again_alone(house):
+    before = house.digests()
+    rules = {"twin", "import_recording", "check", "record_dataset"}
+    group = [file for file in before if file.startswith(("results/twin/", "results/recordings/"))]
+    lost(house, *group, "results/datasets/simulated-twin.parquet")
+    assert house.jobs() == rules
+    assert run(house, "results/datasets/simulated-twin.parquet") == (0, rules)
+    assert house.digests() == before
+
+
+@pytest.mark.rehearsal
+def test_a_record_that_is_lost_makes_its_job_again_alone(house):
+    before = house.digests()
+    (house.folder / "results/provenance/jobs/split/simulated-tiny/session.json").unlink()
+    assert house.jobs() == {"split"}
+    assert run(house, SPLIT) == (0, {"split"})
+    assert house.digests() == before and house.pending() == set()
 
 
 def test_without_snakemake_s_records_an_edit_plans_what_it_does_with_them(house):
@@ -103,15 +205,7 @@ def test_without_snakemake_s_records_an_edit_plans_what_it_does_with_them(house)
     assert house.pending() == pending and len(pending) > 20
 
 
-def test_an_edit_and_its_contrary_plan_nothing(house):
-    file, old, new = EDIT
-    house.edit(file, old, new)
-    assert "results/datasets/simulated-tiny.parquet" in house.pending()
-    house.edit(file, new, old)
-    assert house.pending() == set()
-
-
-@pytest.mark.parametrize("days", [-10_000, 1])
+@pytest.mark.parametrize("days", [-10_000, pytest.param(1, marks=pytest.mark.long)])
 def test_times_of_files_are_no_reason(house, days):
     late = time.time() + days * 86_400
     for file in (house.folder / "results").rglob("*parquet"):
@@ -141,6 +235,8 @@ def test_a_recording_replaced_by_an_older_file_is_imported_again(house):
     for _ in range(2):
         refused = house.snakemake("more.yaml", "--", check)
         assert refused.returncode == 1 and "given.parquet" in refused.stdout + refused.stderr
+    shutil.copy2(twin, given)
+    assert house.jobs(check, files=["more.yaml"]) == {"import_recording", "check"}
 
 
 def test_a_missing_product_is_made_again_and_not_what_is_far_from_it(house):

@@ -9,15 +9,6 @@ from sample_files import logger, parquet
 
 pytestmark = pytest.mark.xdist_group("finished")
 
-CHAIN = "results/simulated/tiny"
-FORWARD_SOLVES = {
-    "results/mesh/mesh.npz",
-    "results/mesh/touch_grid.csv",
-    "results/simulated/clean.parquet",
-    f"{CHAIN}/0-skin.parquet",
-}
-
-
 MODELS = "models: [mlp, physics-informed-mlp]\n"
 
 
@@ -90,54 +81,6 @@ def test_a_configuration_of_its_own_can_be_planned(finished, grid_file, file, ta
     assert made in plan.stdout + plan.stderr
 
 
-def test_an_operator_s_strength_reruns_it_and_what_follows_but_no_forward_solve(house):
-    house.edit("tiny.yaml", "per_N: 0.005", "per_N: 0.006")
-    pending = house.pending()
-    assert {file for file in pending if file.startswith(f"{CHAIN}/")} == {
-        f"{CHAIN}/2-force-dependent-gain.parquet",
-        f"{CHAIN}/3-crosstalk.parquet",
-    }
-    assert not pending & FORWARD_SOLVES
-    assert "results/datasets/simulated-tiny.parquet" in pending
-    assert "results/tables/table_1.csv" in pending
-    assert of(pending, "/simulated-twin") == set()
-
-
-def test_the_last_operator_s_strength_leaves_those_before_it(house):
-    house.edit("tiny.yaml", "{epsilon: 0.03}", "{epsilon: 0.04}")
-    pending = house.pending()
-    assert of(pending, f"{CHAIN}/") == {f"{CHAIN}/3-crosstalk.parquet"}
-    assert "results/datasets/simulated-tiny.parquet" in pending
-
-
-def test_the_skin_s_geometry_reruns_the_chain_but_not_the_clean_set(house):
-    house.edit("tiny.yaml", "{sd: 0.5}", "{sd: 0.6}")
-    pending = house.pending()
-    assert f"{CHAIN}/0-skin.parquet" in pending
-    assert f"{CHAIN}/1-channel-gain.parquet" in pending
-    assert not pending & (FORWARD_SOLVES - {f"{CHAIN}/0-skin.parquet"})
-
-
-def test_noise_reruns_the_dataset_alone_of_the_simulation(house):
-    house.edit("tiny.yaml", "noise: 0.01", "noise: 0.02")
-    pending = house.pending()
-    assert of(pending, "results/simulated/") == set()
-    assert "results/datasets/simulated-tiny.parquet" in pending
-
-
-def test_exchanging_two_operators_reruns_from_there(house):
-    first = "{name: channel-gain, parameters: {gain: {sd: 0.04, tie: mirror}}}"
-    second = "{name: force-dependent-gain, parameters: {per_N: 0.005, F_mid_N: 5.0}}"
-    house.edit("tiny.yaml", first, "{name: FIRST}")
-    house.edit("tiny.yaml", second, first)
-    house.edit("tiny.yaml", "{name: FIRST}", second)
-    assert of(house.pending(), f"{CHAIN}/") == {
-        f"{CHAIN}/1-force-dependent-gain.parquet",
-        f"{CHAIN}/2-channel-gain.parquet",
-        f"{CHAIN}/3-crosstalk.parquet",
-    }
-
-
 def modules(house):
     """Every file of Python in the workflow, the scripts among them."""
     return sorted((house.folder / "workflow").rglob("*.py"))
@@ -161,16 +104,8 @@ def test_a_fresh_clone_beside_kept_results_plans_nothing(house, kept):
     assert house.pending() == set()
 
 
-def changed(house, module):
-    """The rules of the jobs that are planned once a statement of a module has changed."""
-    path = house.folder / "workflow" / module
-    path.write_text(f"{path.read_text(encoding='utf-8')}\nUNUSED = 1\n")
-    return house.jobs()
-
-
 LEARNING = {"train_autoencoder", "train_regressor", "train_predictor"}
 TABLE = {"evaluate", "table_1"}
-CHECKED = {"check", "record_dataset", "split", "train_predictor", *TABLE}  # of a recording
 DIAGNOSIS = {"diagnose", "diagnosis_report"}
 SCORE = {"concealed_score", "concealed_figures", "concealed_case"}  # of a block that is sealed
 
@@ -187,35 +122,7 @@ def test_a_new_effect_reruns_what_a_diagnosis_may_name(house, like, rules):
     assert house.jobs() == rules
 
 
-@pytest.mark.parametrize(
-    ("module", "rules"),
-    [
-        ("scripts/train_regressor.py", {"train_regressor", "train_predictor", *TABLE}),
-        ("eitskin/data/splits.py", {"split", *LEARNING, *TABLE, "limit", "ratios"}),
-        ("eitskin/learn/networks/__init__.py", {*LEARNING, *TABLE, "ratios"}),
-        ("eitskin/learn/networks/cnn.py", set()),
-        ("eitskin/errors.py", set()),
-        ("eitskin/quantities.py", {*CHECKED, *DIAGNOSIS, *SCORE}),
-        ("eitskin/limit/posterior.py", {"limit", "cramer_rao", "ratios", "table_1"}),
-        ("eitskin/limit/ratios.py", {"ratios"}),
-        ("eitskin/paper/table_1.py", {"table_1"}),
-        ("eitskin/effects/offset.py", {*DIAGNOSIS, *SCORE}),
-        ("eitskin/diagnose/search/tones.py", {*DIAGNOSIS, *SCORE}),
-        ("eitskin/diagnose/report/figures.py", {"diagnosis_report", "concealed_case"}),
-        ("eitskin/plotting.py", {"diagnosis_report", "concealed_figures", "concealed_case"}),
-        ("proof/figures.py", {"concealed_figures"}),
-        ("witness/cases.py", SCORE),
-        ("loop/table.py", set()),
-        ("proof/tank_geometry.py", set()),
-        ("rigsim/world.py", set()),
-    ],
-)
-def test_a_statement_reruns_the_jobs_that_reach_it_and_those_below(house, module, rules):
-    path = house.folder / "workflow" / module
-    path.write_text(f"{path.read_text(encoding='utf-8')}\nUNUSED = 1\n")
-    assert house.jobs() == rules
-
-
+@pytest.mark.long
 def test_a_style_of_one_figure_redraws_it_alone(house):
     drawn = house.snakemake("--", "figure_1", "figure_4")
     assert drawn.returncode == 0, drawn.stderr
@@ -224,48 +131,18 @@ def test_a_style_of_one_figure_redraws_it_alone(house):
     assert house.jobs("figure_1", "figure_4") == {"figure_4"}
 
 
-def test_the_papers_numbers_rerun_the_table_alone(house):
-    paper = "workflow/eitskin/paper/printed_table_1.csv"
-    house.edit(paper, "simulated,svr,x,mae,1.92", "simulated,svr,x,mae,1.93")
-    assert house.pending() == {"results/tables/table_1.csv", "results/tables/table_1.md"}
-
-
-def test_a_training_parameter_reruns_no_simulation(house):
-    house.edit("config.yaml", "learning_rate: 0.002", "learning_rate: 0.003")
-    pending = house.pending()
-    assert "results/tables/table_1.csv" in pending
-    kinds = ("simulated/", "datasets/", "splits/", "recordings/", "mesh/")
-    assert not any(of(pending, f"results/{kind}") for kind in kinds)
-
-
-def test_what_is_other_for_a_model_reaches_it_and_retrains_it_alone(house):
+def test_what_is_other_for_a_model_reaches_it(finished):
     folder = "results/models/simulated-tiny/session/small"
     found = {
-        name: model_file.read(house.folder / folder / name / "1.pt").header
+        name: model_file.read(finished.folder / folder / name / "1.pt").header
         for name in ("autoencoder", "mlp", "physics-informed-mlp")
     }
     decay = {name: header["optimiser"]["weight_decay"] for name, header in found.items()}
     assert decay == {"autoencoder": 1e-4, "mlp": 3e-4, "physics-informed-mlp": 3e-4}
     assert found["mlp"]["widths"] == [32, 16] and found["mlp"]["budget"]["epochs"] == 2
-    row = "informed-mlp: {weight_decay: 0.0003}"
-    house.edit("tiny.yaml", row, row.replace("3", "2"))
-    models = {file.split("/")[-2] for file in of(house.pending(), "results/models/")}
-    assert models == {"physics-informed-mlp"}
 
 
-def test_a_hyperparameter_retrains_the_models_that_have_it(house):
-    house.edit("config.yaml", "lambda_latent: 0.03 ", "lambda_latent: 0.04 ")
-    pending = house.pending()
-    row = "simulated-tiny/session/small/physics-informed-mlp"
-    assert pending == {
-        *(f"results/models/{row}/{seed}.pt" for seed in (1, 2)),
-        f"results/predictions/{row}.parquet",
-        f"results/metrics/{row}.csv",
-        "results/tables/table_1.csv",
-        "results/tables/table_1.md",
-    }
-
-
+@pytest.mark.long
 def test_support_vectors_know_neither_adam_nor_epochs(house):
     svr = "results/metrics/simulated-tiny/session/small/svr.csv"
     assert house.snakemake("--", svr).returncode == 0
@@ -273,40 +150,6 @@ def test_support_vectors_know_neither_adam_nor_epochs(house):
     budget = "small: {samples: null, epochs: 2, seeds: 2}"
     house.edit("tiny.yaml", budget, budget.replace("2", "3"))
     assert house.jobs(svr) == set()
-
-
-def test_a_seed_added_trains_that_seed(house):
-    house.edit("tiny.yaml", "seeds: 2}\nbudget", "seeds: 3}\nbudget")
-    pending = house.pending()
-    rows = {
-        "simulated-tiny/session": ("autoencoder", "regressor", "mlp", "physics-informed-mlp"),
-        "simulated-tiny-continuous/continuous": ("mlp",),
-        "simulated-twin/random": ("mlp",),
-    }
-    assert of(pending, "results/models/") == {
-        f"results/models/{row}/small/{model}/3.pt" for row in rows for model in rows[row]
-    }
-    assert house.jobs() == {*LEARNING, *TABLE, "ratios"}
-
-
-def test_how_the_limit_is_computed_reruns_it_and_the_table_alone(house):
-    house.edit("tiny.yaml", "pairs: 4", "pairs: 5")
-    limit = "results/limit/simulated-tiny-continuous"
-    assert house.pending() == {
-        f"{limit}.csv",
-        f"{limit}.samples.csv",
-        f"{limit}.ratios.csv",
-        "results/tables/table_1.csv",
-        "results/tables/table_1.md",
-    }
-
-
-def test_the_spread_of_forces_reruns_the_continuous_set_and_its_limit(house):
-    house.edit("config.yaml", "sd_N: 2.0", "sd_N: 2.1")
-    pending = house.pending()
-    assert "results/simulated/tiny-continuous/0-skin.parquet" in pending
-    assert "results/limit/simulated-tiny-continuous.csv" in pending
-    assert "results/limit/simulated-tiny-continuous.cramer_rao.csv" in pending
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,9 @@
 """How the workflow runs on one machine and on a cluster."""
 
 import json
+import os
 import re
+import signal
 import subprocess
 import sys
 from dataclasses import fields
@@ -117,3 +119,54 @@ def test_a_machine_without_slurm_is_told_what_it_lacks(monkeypatch):
     monkeypatch.setattr(slurm, "SEARCHED", "")
     lacking = slurm.obstacle()
     assert re.fullmatch(r"this machine lacks munged, .*scontrol: apt-get install .*", lacking)
+
+
+# Daemons that stand in for Slurm's: they go to the background, and two never write their pid.
+DAEMON = """#!/bin/sh
+cp /bin/sleep {folder}/{name}.d/{name} 2>/dev/null
+{folder}/{name}.d/{name} 1000 >/dev/null 2>&1 &
+[ {name} = munged ] && echo $! > {folder}/slurm/munged.pid
+exit 0
+"""
+CLUSTER = """
+import sys, time
+from pathlib import Path
+import slurm
+folder = Path(sys.argv[1])
+slurm.SEARCHED, slurm.SYSTEM_FILE = f"{folder}/bin:{slurm.SEARCHED}", folder / "etc" / "slurm.conf"
+slurm.COMMANDS, slurm.OF_SLURM, slurm.os.geteuid = (), (), lambda: 0
+slurm._wait_for_nodes = lambda cluster: None
+with slurm.loopback(folder / sys.argv[2]):
+    print("running", flush=True)
+    time.sleep(float(sys.argv[3]))
+"""
+
+
+@pytest.mark.parametrize("ending", ["SIGTERM", "SIGINT", "SIGHUP", "SIGKILL"])
+def test_daemons_end_with_their_cluster_however_it_ends(tmp_path, ending):
+    (tmp_path / "bin").mkdir()
+    for name in slurm.DAEMONS:
+        (tmp_path / f"{name}.d").mkdir()
+        daemon = tmp_path / "bin" / name
+        daemon.write_text(DAEMON.format(folder=tmp_path, name=name))
+        daemon.chmod(0o755)
+
+    def cluster(name, seconds):
+        command = [sys.executable, "-c", CLUSTER, str(tmp_path), name, str(seconds)]
+        environment = os.environ | {"PYTHONPATH": str(Path(__file__).parent)}
+        return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE)
+
+    def daemons():
+        marks = f"{slurm.MARK}={tmp_path}"
+        alive = [pid for pid in slurm._processes() if slurm._begin(pid)]
+        return [pid for pid in alive if any(e.startswith(marks) for e in slurm._environment(pid))]
+
+    first = cluster("slurm", 1000)
+    assert first.stdout.readline() == b"running\n" and len(daemons()) == 4
+    first.send_signal(getattr(signal, ending))
+    first.wait()
+    if ending == "SIGKILL":  # the next one does it
+        assert len(daemons()) == 4
+        assert cluster("next", 0).wait() == 0
+    assert daemons() == []
+    assert not (tmp_path / "etc" / "slurm.conf").is_symlink()

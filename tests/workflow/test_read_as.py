@@ -13,6 +13,7 @@ from small_skin import small_recording
 pytestmark = pytest.mark.xdist_group("refusals")
 
 
+@pytest.mark.long
 def test_a_recordings_order_and_pairs_are_the_importers(fresh, tmp_path):
     house = fresh.copy(tmp_path / "house")
     order = "drive-plus-ascending-own"

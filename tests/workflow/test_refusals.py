@@ -1,5 +1,8 @@
 """Wrong input stops the workflow with one line, before any work."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -74,6 +77,26 @@ def test_the_file_of_defaults_is_refused_by_line(fresh, tmp_path, text, message)
     assert not (house.folder / "results").exists()
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("models: [mlp\nseed: 1\n", "more.yaml: line 2, column 5: found ':', expected ',' or ']'"),
+        (None, "more.yaml: file: found No such file or directory, expected a YAML file"),
+    ],
+)
+def test_a_further_file_is_refused_by_line_before_snakemake_reads_it(tmp_path, text, message):
+    if text is not None:
+        (tmp_path / "more.yaml").write_text(text)
+    read = subprocess.run(
+        [sys.executable, "-m", "eitskin.configuration", "more.yaml"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert read.returncode == 1 and read.stderr == f"{message}\n"
+
+
+@pytest.mark.long
 def test_a_damaged_recording_leaves_nothing_half_written(fresh, tmp_path):
     house = fresh.copy(tmp_path / "house")
     (house.folder / "broken.parquet").write_bytes(b"PAR1 and no more")

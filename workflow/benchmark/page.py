@@ -62,6 +62,10 @@ to 550, an impedance left out by a rig with errors: with the effects of the firs
 Diagnoses an hour by the workflow, the first 32 recordings of the calibration's block
 `ordinary-report` in four jobs: on one slot, and on more beside as many times what one does; and the
 processor seconds of a diagnosis, Snakemake's own among them.""",
+    "planned": """\
+Processor seconds of a dry run from nothing that would read and check many recordings, Snakemake's
+start with it, beside what it may take; and what provenance costs a job: to be planned, all that
+Snakemake plans with it, and to be recorded, with a new input of 1 MiB.""",
     "streamed": """\
 From a frame to its verdict on one core, for models of Table I, beside a limit of 1 ms: by the
 clock, and in this thread's processor time; the state alone beside PyTorch; the MLP without an

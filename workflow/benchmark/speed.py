@@ -31,7 +31,7 @@ import yaml
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import SuperLU, splu
 
-from benchmark import costs, diagnoses, rows, sweep
+from benchmark import costs, diagnoses, plans, rows, sweep
 from benchmark.finite_elements import FiniteElements, straight_mesh
 from eitskin.atomic import atomic_path
 from eitskin.physics.forward import Forward, channel_values
@@ -410,6 +410,7 @@ BENCHES = {
     "scaled": costs.scaled,
     "grown": costs.grown,
     "swept": sweep.swept,
+    "planned": plans.planned,
     "streamed": streamed,
 }
 

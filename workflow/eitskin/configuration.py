@@ -1,8 +1,13 @@
-"""The configuration: checked before any work, and refused in one line."""
+"""The configuration: checked before any work, and refused in one line.
+
+Snakemake reads files given with --configfile before the workflow can, and names neither file nor
+line where one is missing or no YAML; `python -m eitskin.configuration FILE ...` does.
+"""
 
 import contextlib
 import os
 import re
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from functools import reduce
 from operator import getitem
@@ -20,7 +25,7 @@ from eitskin.data.channel_order import ORDERS
 from eitskin.effects import EFFECTS, on_readings
 from eitskin.effects.effect import START, Effect
 from eitskin.effects.settings import settings, site_counts
-from eitskin.errors import InputError
+from eitskin.errors import InputError, reported
 from eitskin.learn import models
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.protocol import channel_table, pattern_step
@@ -34,6 +39,7 @@ MISSING = object()
 COMMAND_LINE = "--config"  # the source of values that no file contains
 REFERRED_TO = {"rig.schema.yaml": Path(__file__).parent / "capture" / "rig.schema.yaml"}
 PATHS = ("path", "query")  # of a recording
+LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # of our own schemas: ten times as fast
 YTE = "__use_yte__"  # marks a configuration as a template for Snakemake
 
 
@@ -95,7 +101,7 @@ def read(file: str | Path) -> dict:
 def schema(path: str | Path) -> dict:
     """The schema in a file, completed with the names that the code defines: effects with their
     parameters, formats and orders of recordings, models."""
-    document = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    document = yaml.load(Path(path).read_bytes(), LOADER)
     effect_schema, properties = document["$defs"]["effect"], document["properties"]
     recording = properties["recordings"]["additionalProperties"]
     effect_schema["properties"]["name"]["enum"] = list(EFFECTS)
@@ -184,7 +190,7 @@ def _parameters(effect: Effect) -> dict:
 
 def _schema(uri: str) -> Resource:
     """A schema that another one refers to by the name of its file."""
-    return Resource.from_contents(yaml.safe_load(REFERRED_TO[uri].read_text(encoding="utf-8")))
+    return Resource.from_contents(yaml.load(REFERRED_TO[uri].read_bytes(), LOADER))
 
 
 def perturbations(file: str | Path, name: str = "authors") -> list[dict]:
@@ -484,3 +490,9 @@ def _value_at(place: list, node: Any) -> Any:
             return MISSING
         node = node[part]
     return node
+
+
+if __name__ == "__main__":
+    with reported("logs/configuration.log"):
+        for file in sys.argv[1:]:
+            read(file)

@@ -2,9 +2,13 @@
 
 import ast
 import hashlib
+import json
+import platform
 from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
+
+from eitskin.atomic import atomic_path
 
 HOUSE = Path(__file__).parents[1]
 FINDS_BY_NAME = {  # packages with modules that no import statement names
@@ -13,6 +17,10 @@ FINDS_BY_NAME = {  # packages with modules that no import statement names
     "eitskin.data.importers",
 }
 FINGERPRINTED: dict[str, dict[str, str]] = {}
+Parsed = tuple[str, tuple[str, ...]]  # digest of code, and the names that it imports
+# By the digest of a file's bytes: what a process has parsed, and what others before it had.
+PARSED: dict[str, Parsed] = {}
+RECALLED: dict[str, Parsed] = {}
 # What a product's content does not follow: refusals, how a file is written, on how many cores.
 IMMATERIAL = {"eitskin.errors", "eitskin.atomic", "eitskin.cores", "eitskin.provenance"}
 # Numbers as text: what effects and physics say with them is a product of those alone who say it,
@@ -117,11 +125,45 @@ def _file(name: str) -> Path | None:
 
 
 @cache
-def _parsed(file: Path) -> tuple[str, tuple[str, ...]]:
+def _parsed(file: Path) -> Parsed:
     """Digest of the code of a file, and the names that it imports; cached."""
-    tree = ast.parse(file.read_text(encoding="utf-8"), str(file))
-    names = tuple(_imports(tree))
-    return hashlib.sha256(_dumped(_without_docstrings(tree)).encode()).hexdigest(), names
+    content = file.read_bytes()
+    key = hashlib.sha256(content).hexdigest()
+    if key not in RECALLED:
+        tree = ast.parse(content, str(file))
+        names = tuple(_imports(tree))
+        digest = hashlib.sha256(_dumped(_without_docstrings(tree)).encode()).hexdigest()
+        RECALLED[key] = digest, names
+    PARSED[key] = RECALLED[key]
+    return PARSED[key]
+
+
+def recall(path: str | Path) -> None:
+    """Take over what a process before this one has parsed, from the file that `keep` wrote; to
+    parse all modules takes longer than the rest of a start. Nothing from a file of another Python
+    or of another version of this module, as both may give other digests, nor from no file."""
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return
+    if content["by"] == _parser():
+        RECALLED.update({key: (digest, tuple(names)) for key, digest, names in content["parsed"]})
+
+
+def keep(path: str | Path) -> None:
+    """Write what this process has parsed or recalled and used, where that is other than the file
+    has."""
+    parsed = [[key, digest, list(names)] for key, (digest, names) in sorted(PARSED.items())]
+    text = json.dumps({"by": _parser(), "parsed": parsed}) + "\n"
+    if not Path(path).exists() or Path(path).read_text(encoding="utf-8") != text:
+        with atomic_path(path) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+
+
+def _parser() -> str:
+    """What digests depend on besides code."""
+    own = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
+    return f"{platform.python_version()} {own}"
 
 
 def _dumped(node: object) -> str:

@@ -25,6 +25,7 @@ PLANNED = ".snakemake/provenance"
 # Folders within both: of jobs, and of code, the digests of all modules that a fingerprint is of.
 JOBS, CODE = "jobs", "code"
 FILES = f"{PLANNED}/files"  # digests of files as they were read last
+PARSED = f"{PLANNED}/parsed.json"  # of modules, for the next process: `fingerprint.keep`
 PAST = 1.0  # s since 1970: the time of a planned provenance once it is recorded
 NO_FILE = "none"  # digest of an input that is not there and that no rule makes
 

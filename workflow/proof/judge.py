@@ -70,6 +70,37 @@ def sites_right(entry: dict, true_effect: dict) -> bool:
     return sorted(entry[kind]) == sorted(true_effect[kind])
 
 
+def finds_fault(harmed: dict, control: dict, fault: dict) -> bool:
+    """Whether a diagnosis of the harmed excerpt finds the fault: it names it, or a class with it,
+    at its sites and no others, and the one of the control does not.
+
+    Channels that were lost are borne where nothing is named that the control does not name too.
+    """
+    if fault["name"] == "lost-channels":
+        return not _entries(harmed) - _entries(control)
+    return _names_fault(harmed, fault) and not _names_fault(control, fault)
+
+
+def _names_fault(diagnosis: dict, fault: dict) -> bool:
+    for entry in diagnosis["effects"]:
+        if fault["name"] not in (entry["name"], *entry["alternatives"]):
+            continue
+        if site_kind(fault) is not None and not sites_right(entry, fault):
+            continue
+        clipped = "limit_V" in fault.get("parameters", {})
+        if entry["name"] == fault["name"] and clipped and "limit_V" not in entry["parameters"]:
+            continue
+        return True
+    return False
+
+
+def _entries(diagnosis: dict) -> set[tuple]:
+    """Names and sites of what a diagnosis names."""
+    return {
+        (entry["name"], *(tuple(entry[kind]) for kind in SITES)) for entry in diagnosis["effects"]
+    }
+
+
 @dataclass(frozen=True)
 class Number:
     """One number of a true effect beside the estimate: which parameter, at which site; NaN where

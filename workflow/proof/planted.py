@@ -3,12 +3,12 @@
     draw("real:iirc-tank:offset", 3), draw("real:iirc-tank:none", 3)
 
 The second is the control: the same excerpt unharmed. What the recording's skin and instrument do
-besides is unknown, so what a tool says of the control is the reference (`finds_fault`). A fault is
-planted in a second instrument behind the real one, on its readings alone, and only where that is
-exact: offset, crosstalk, memory and mains need signs, which magnitudes have lost; mains the moment
-a channel is read; an exchange of two wires all channels that it makes. Recordings of differences
-are left out: they lack the untouched frames, which is all that can be simulated where nobody
-measured a force.
+besides is unknown, so what a tool says of the control is the reference (`judge.finds_fault`). A
+fault is planted in a second instrument behind the real one, on its readings alone, and only where
+that is exact: offset, crosstalk, memory and mains need signs, which magnitudes have lost; mains the
+moment a channel is read; an exchange of two wires all channels that it makes. Recordings of
+differences are left out: they lack the untouched frames, which is all that can be simulated where
+nobody measured a force.
 """
 
 from collections.abc import Callable, Iterator
@@ -24,7 +24,7 @@ from eitskin.data.recording import Recording, presses
 from eitskin.diagnose.noise.estimate import estimate_noise
 from eitskin.errors import InputError
 from eitskin.physics.skin import Skin
-from proof.judge import site_kind, sites_right
+from proof.judge import site_kind
 from proof.real_sets import present, renumbered
 from witness import laws, strengths
 from witness.cases import scaled, signature
@@ -209,38 +209,6 @@ def draw(kind: str, seed: int, paths: dict[str, Path] | None = None) -> Planted:
         query=query,
         fault=fault_law,
     )
-
-
-def finds_fault(harmed: dict, control: dict, fault: dict) -> bool:
-    """Whether a diagnosis of the harmed excerpt finds the fault: it names it, or a class with it,
-    at its sites and no others, and the one of the control does not.
-
-    Channels that were lost are borne where nothing is named that the control does not name too.
-    """
-    if fault["name"] == "lost-channels":
-        return not _entries(harmed) - _entries(control)
-    return _names_fault(harmed, fault) and not _names_fault(control, fault)
-
-
-def _names_fault(diagnosis: dict, fault: dict) -> bool:
-    for entry in diagnosis["effects"]:
-        if fault["name"] not in (entry["name"], *entry["alternatives"]):
-            continue
-        if site_kind(fault) is not None and not sites_right(entry, fault):
-            continue
-        clipped = "limit_V" in fault.get("parameters", {})
-        if entry["name"] == fault["name"] and clipped and "limit_V" not in entry["parameters"]:
-            continue
-        return True
-    return False
-
-
-def _entries(diagnosis: dict) -> set[tuple]:
-    """Names and sites of what a diagnosis names."""
-    return {
-        (entry["name"], *(tuple(entry[kind]) for kind in laws.SITES))
-        for entry in diagnosis["effects"]
-    }
 
 
 def _declared(recorded: Recording) -> Recording:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from proof import baselines, measures, planted
+from proof import baselines, judge, measures
 from proof.claims import LINE, Rows, score, share_of, where
 from proof.intervals import interval_of, median, share
 from proof.measures import has_all_right, is_broken, is_kind, misfit_closed
@@ -14,8 +14,8 @@ from proof.opened import METHODS, SAID_NOTHING
 
 def fault_found(row: dict) -> bool:
     """Whether the fault planted in a real recording was found, or borne where channels are lost,
-    as of `planted.finds_fault`."""
-    return planted.finds_fault(row["said"], {"effects": row["control"] or []}, row["fault"])
+    as of `judge.finds_fault`."""
+    return judge.finds_fault(row["said"], {"effects": row["control"] or []}, row["fault"])
 
 
 WORDS = replace(

@@ -18,7 +18,7 @@ use rule train_autoencoder as ablation_autoencoder with:
         budget=spent_of,
         draw=lookup(dpath="seed", within=config),
         seed=lambda wildcards: int(wildcards.seed),
-        code=fingerprint("train_autoencoder", []),
+        code=fingerprint("train_autoencoder", [models.TEACHERS["autoencoder"].module]),
     message:
         "Learning the manifold of the voltages of {wildcards.dataset}: {wildcards.setting}, seed {wildcards.seed}"
 
@@ -43,7 +43,7 @@ use rule train_regressor as ablation_regressor with:
         budget=spent_of,
         draw=lookup(dpath="seed", within=config),
         seed=lambda wildcards: int(wildcards.seed),
-        code=fingerprint("train_regressor", []),
+        code=fingerprint("train_regressor", [t.module for t in models.TEACHERS.values()]),
     message:
         "Learning the latent voltages of a state, {wildcards.dataset}: {wildcards.setting}, seed {wildcards.seed}"
 

@@ -27,15 +27,9 @@ for block, number, cases in numbered(UNSEALED):
             mem_mb=3000,
             runtime=60,
         params:
+            **drawn(block),
             block=block,
             cases=cases,
-            seed=BLOCKS[block]["seed"],
-            sizes={
-                "cases": BLOCKS[block]["cases"],
-                "frames": CONCEALED["frames"],
-                "query_frames": CONCEALED["query_frames"],
-                "rig": BLOCKS[block].get("rig", False),
-            },
             real=REAL_SETS,
             code=fingerprint("conceal", CATALOGUE + IMPORTERS),
         message:
@@ -278,7 +272,7 @@ rule concealed_score:
         mem_mb=1000,
         runtime=15,
     params:
-        code=fingerprint("concealed_score", CATALOGUE + IMPORTERS),
+        code=fingerprint("concealed_score", CATALOGUE),
     message:
         "Scoring the opened block {wildcards.block}"
     script:
@@ -351,7 +345,7 @@ rule concealed_case:
         mem_mb=1000,
         runtime=5,
     params:
-        code=fingerprint("concealed_case", CATALOGUE + IMPORTERS, [SCHEMA]),
+        code=fingerprint("concealed_case", CATALOGUE, [SCHEMA]),
     message:
         "Drawing one concealed case"
     script:

@@ -1,6 +1,9 @@
 from pathlib import Path
 
+from snakemake.logging import logger
+
 from proof.blocks import case_batches, case_names
+from proof.changed import since_sealed
 from proof.real_sets import listed
 
 CONCEALED = config["concealed"]
@@ -27,6 +30,26 @@ UNOPENED = before("opened/opened.json")
 UNFITTED = before("oracle/{case}.json")  # by the oracle
 # What some cases are made of.
 REAL_SETS = [str(path) for path in listed().values() if path.exists()]
+
+
+def drawn(block):
+    """What the cases of a block are drawn by."""
+    own = BLOCKS[block]
+    sizes = {key: CONCEALED[key] for key in ("frames", "query_frames")}
+    return {
+        "seed": own["seed"],
+        "sizes": {"cases": own["cases"], **sizes, "rig": own.get("rig", False)},
+    }
+
+
+# Who edits what a sealed block was made of is told that it stays.
+for block in set(IN_USE) - set(UNSEALED) if workflow.is_main_process else ():
+    if changed := since_sealed(Path(PUBLIC, block), drawn(block)):
+        logger.warning(
+            f"The concealed cases {block} are sealed and stay as they are; changed since: "
+            f"{', '.join(changed[:5])}{', …' if changed[5:] else ''}. "
+            f"To begin anew: rm -r {PUBLIC}/{block} {TRUTHS}/{block}"
+        )
 
 
 CASE = f"{PUBLIC}/{{block}}/{{part}}/{{case}}"

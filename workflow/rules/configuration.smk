@@ -22,8 +22,10 @@ with reported("logs/configuration.log"):
         validate,
         with_continuous,
     )
-    from eitskin.fingerprint import fingerprint, fingerprinted
+    from eitskin import provenance
+    from eitskin.fingerprint import fingerprint, fingerprinted, keep, recall
 
+recall(provenance.PARSED)
 ROOT = Path(workflow.current_basedir.get_path_or_uri(secret_free=False)).resolve().parents[1]
 
 

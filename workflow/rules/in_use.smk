@@ -27,7 +27,7 @@ def names_of(effects):
 
 def of_model(script):
     """A param: the fingerprint of a script that makes or applies the model of its job."""
-    return lambda wildcards: fingerprint(script, [models.model(wildcards.model).module])
+    return lambda wildcards: fingerprint(script, models.modules(wildcards.model))
 
 
 def code_of_import(wildcards):

@@ -125,7 +125,7 @@ rule loop_errors:
         forces=FORCES,
         probe_mm=lookup(dpath="touch_grid/probe_mm", within=config),
         code=lambda wildcards: fingerprint(
-            "loop_errors", [*CATALOGUE_AND_AUTHORS, models.model(wildcards.model).module]
+            "loop_errors", [*CATALOGUE_AND_AUTHORS, *models.modules(wildcards.model)]
         ),
     message:
         "Training {wildcards.model} for {wildcards.case} on its {wildcards.source}, seed {wildcards.seed}"

@@ -7,8 +7,6 @@ from functools import cache
 from snakemake.io import is_flagged
 from snakemake.output_index import OutputIndex
 
-from eitskin import provenance
-
 OURS = {maker for maker in workflow.rules if maker.name not in OTHERS and maker.script}
 # What has no fingerprint is made anew on request alone.
 RECORDED = {maker for maker in OURS if not IN_STORAGE and "code" in maker.params.keys()}
@@ -133,3 +131,6 @@ for maker in RECORDED:
     maker.set_input(provenance=planned_by(maker))
     maker.set_params(provenance=text_by(maker))
     maker.expand_input = expand_input_of(maker)
+
+if workflow.is_main_process:
+    keep(provenance.PARSED)

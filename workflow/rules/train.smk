@@ -26,7 +26,7 @@ rule train_autoencoder:
         budget=lambda wildcards: spent(config["budgets"][wildcards.budget]),
         draw=lookup(dpath="seed", within=config),
         seed=lambda wildcards: int(wildcards.seed),
-        code=fingerprint("train_autoencoder", []),
+        code=fingerprint("train_autoencoder", [models.TEACHERS["autoencoder"].module]),
     message:
         "Learning the manifold of the voltages of {wildcards.dataset}, {wildcards.split}, seed {wildcards.seed}"
     script:
@@ -58,7 +58,7 @@ rule train_regressor:
         budget=lambda wildcards: spent(config["budgets"][wildcards.budget]),
         draw=lookup(dpath="seed", within=config),
         seed=lambda wildcards: int(wildcards.seed),
-        code=fingerprint("train_regressor", []),
+        code=fingerprint("train_regressor", [t.module for t in models.TEACHERS.values()]),
     message:
         "Learning the latent voltages of a state, {wildcards.dataset}, {wildcards.split}, seed {wildcards.seed}"
     script:

@@ -11,7 +11,7 @@ import pytest
 from eitskin import fingerprint as subject
 from eitskin.data import importers
 from eitskin.effects import catalogue_names, modules
-from eitskin.learn.models import MODELS
+from eitskin.learn import models
 
 ROOT = Path(__file__).parents[3]
 SCRIPTS = sorted(path.stem for path in (ROOT / "workflow" / "scripts").glob("*.py"))
@@ -58,6 +58,8 @@ def forget():
     """What a process has read."""
     for known in (subject._parsed, subject._file, subject._closure, subject._fingerprint):
         known.cache_clear()
+    for known in (subject.PARSED, subject.RECALLED):
+        known.clear()
 
 
 def taken(script="solve", found=None):
@@ -133,6 +135,34 @@ def test_what_is_not_there_is_refused(house):
         taken("press", ["eitskin.effects.no_such"])
 
 
+def test_what_another_process_has_parsed_is_known_by_its_bytes(house, monkeypatch):
+    file = house / "parsed.json"
+    before = taken()
+    subject.keep(file)
+    with monkeypatch.context() as context:
+        context.setattr(subject.ast, "parse", None)
+        forget()
+        subject.recall(file)
+        assert subject.fingerprint("solve") == before
+    append(house / "pkg/mesh.py", "CHANGED = True\n")
+    forget()
+    subject.recall(file)
+    other = subject.fingerprint("solve")
+    subject.keep(file)
+    assert other == taken() != before
+    assert len(json.loads(file.read_text())["parsed"]) == len(REACHED)
+
+
+@pytest.mark.parametrize("text", [None, "{", '{"by": "another Python", "parsed": [["a"]]}'])
+def test_what_another_process_has_parsed_is_no_more_than_a_help(house, text):
+    if text is not None:
+        (house / "parsed.json").write_text(text)
+    before = taken()
+    forget()
+    subject.recall(house / "parsed.json")
+    assert not subject.RECALLED and subject.fingerprint("solve") == before
+
+
 LOADED = """
 import ast, json, sys
 from pathlib import Path
@@ -147,7 +177,9 @@ print(json.dumps([name for name in sys.modules if name.split(".")[0] in tops]))
 
 FOUND = {  # by what finds it by name
     "eitskin.effects": modules(catalogue_names()),
-    "eitskin.learn.models": [model.module for model in MODELS.values()],
+    "eitskin.learn.models": sorted(
+        {own for name in models.names() for own in models.modules(name)}
+    ),
     "eitskin.data.importers": importers.modules(),
 }
 
@@ -201,23 +233,24 @@ def test_refusals_writing_and_words_are_no_code_of_a_set_or_a_model():
     assert not speaking & {*numeric, *learning}
 
 
-@pytest.mark.parametrize("name", ["mlp", "cnn", "transformer", "svr"])
+@pytest.mark.parametrize("name", ["mlp", "cnn", "transformer", "svr", "teachers"])
 def test_a_network_is_code_of_the_models_that_are_made_of_it(name):
     using = {
         model
-        for model, row in MODELS.items()
-        if MODELS[name].module in subject.reached("train_predictor", [row.module])
+        for model in models.names()
+        if f"eitskin.learn.networks.{name}"
+        in subject.reached("train_predictor", models.modules(model))
     }
-    fitted = MODELS if name == "svr" else ()  # by the trainer itself
-    assert (
-        using
-        == {
-            "mlp": {"mlp", "autoencoder-mlp"},
-            "cnn": {"cnn"},
-            "transformer": {"transformer", "transformer-channels"},
-            "svr": set(fitted),
-        }[name]
-    )
+    informed = {model for model in models.names() if model.startswith(models.PHYSICS_INFORMED)}
+    made = {
+        "mlp": {"mlp", "autoencoder-mlp"},
+        "cnn": {"cnn"},
+        "transformer": {"transformer", "transformer-channels"},
+        "svr": {"svr"},
+        "teachers": {"autoencoder-mlp"},
+    }[name]
+    taught = {models.PHYSICS_INFORMED + model for model in made} & informed
+    assert using == made | (informed if name == "teachers" else taught)
 
 
 def test_an_effect_that_code_names_is_imported_as_what_a_configuration_names_is_told():

@@ -13,7 +13,8 @@ HOUSE = Path(__file__).parents[3] / "workflow"
 FLOORS = (  # from the ground up; what stands on one floor does not know each other
     {"callable_package", "errors", "plotting"},
     {"progress", "quantities", "yaml_number"},
-    {"atomic", "cores", "fingerprint", "text_file", "unfolding"},
+    {"atomic", "cores", "text_file", "unfolding"},
+    {"fingerprint"},
     {"figure_files", "pins", "physics", "provenance"},
     {"schema", "effects", "why"},
     {"yaml_file"},

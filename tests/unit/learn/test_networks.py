@@ -1,3 +1,5 @@
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 import torch
@@ -15,7 +17,7 @@ from eitskin.learn.networks.svr import Svr
 from eitskin.learn.networks.teachers import Autoencoder, StateToLatent
 from eitskin.learn.networks.tokens import TokenEncoder, sinusoids
 from eitskin.learn.networks.transformer import drive_tokens
-from eitskin.learn.train import Tube, fit_svr
+from eitskin.learn.train import Tube
 from eitskin.physics.protocol import channel_table
 
 TABLE = channel_table(16).tolist()
@@ -205,7 +207,8 @@ def test_the_encoder_of_the_autoencoder_mlp_is_not_trained():
 def test_support_vectors_are_scikit_learns():
     voltage, new = voltages(120, 20) * 1.3, voltages(50, 20, seed=2)
     state = torch.stack([voltage[:, :3].sum(1), voltage[:, 4].tanh(), voltage[:, 5] ** 2], dim=1)
-    module = fit_svr(voltage, state, Tube())
+    module = Svr(20, 3)
+    module.fit(voltage, state, **asdict(Tube()))
     learned = [SVR().fit(voltage.double(), target) for target in state.double().T.numpy()]
     expected = np.column_stack([regression.predict(new.double()) for regression in learned])
     np.testing.assert_allclose(module(new), expected, atol=1e-5)

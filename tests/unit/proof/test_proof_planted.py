@@ -9,7 +9,7 @@ from eitskin.data import importers, recording
 from eitskin.data.recording import Recording, frames_table, validate
 from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table
-from proof import planted, real_sets
+from proof import judge, planted, real_sets
 from shared_data import shared_data
 
 LCT, HYDROGEL = "lct-tank/homogeneous", "hydrogel-skin/ohmc16.mat"
@@ -154,30 +154,28 @@ def test_found_where_named_at_its_sites_and_not_in_the_control():
     fault = {"name": "drive-gain", "drives": [3], "parameters": {"gain": [1.1]}}
     right, wrong = said({"name": "drive-gain", "drives": [3]}), said({"name": "drive-gain"})
     as_class = said({"name": "offset", "alternatives": ["drive-gain"], "drives": [3]})
-    assert planted.finds_fault(right, said(), fault) and planted.finds_fault(right, wrong, fault)
-    assert planted.finds_fault(as_class, said(), fault)
-    assert not planted.finds_fault(wrong, said(), fault)
-    assert not planted.finds_fault(right, right, fault)
-    assert not planted.finds_fault(said({"name": "offset", "drives": [3]}), said(), fault)
+    assert judge.finds_fault(right, said(), fault) and judge.finds_fault(right, wrong, fault)
+    assert judge.finds_fault(as_class, said(), fault)
+    assert not judge.finds_fault(wrong, said(), fault)
+    assert not judge.finds_fault(right, right, fault)
+    assert not judge.finds_fault(said({"name": "offset", "drives": [3]}), said(), fault)
 
 
 def test_clipping_is_not_a_cubic():
     fault = {"name": "adc-nonlinearity", "parameters": {"limit_V": 1.0}}
     clipped = said({"name": "adc-nonlinearity", "parameters": {"limit_V": {}}})
     cubic = said({"name": "adc-nonlinearity", "parameters": {"cubic": {}}})
-    assert planted.finds_fault(clipped, said(), fault) and planted.finds_fault(
-        clipped, cubic, fault
-    )
-    assert not planted.finds_fault(cubic, said(), fault)
+    assert judge.finds_fault(clipped, said(), fault) and judge.finds_fault(clipped, cubic, fault)
+    assert not judge.finds_fault(cubic, said(), fault)
 
 
 def test_lost_channels_are_borne_where_nothing_new_is_named():
     fault = {"name": "lost-channels", "channels": [1]}
     there = {"name": "drive-gain", "drives": [3]}
-    assert planted.finds_fault(said(there), said(there), fault) and planted.finds_fault(
+    assert judge.finds_fault(said(there), said(there), fault) and judge.finds_fault(
         said(), said(there), fault
     )
-    assert not planted.finds_fault(said(there, {"name": "offset"}), said(there), fault)
+    assert not judge.finds_fault(said(there, {"name": "offset"}), said(there), fault)
 
 
 @pytest.mark.parametrize("kind", ["real:own:rust", "real:other:none", "null", "real:none"])

@@ -41,6 +41,10 @@ MODELS = {  # in the order of the paper's table
     ),
     "cnn-transformer": Model("networks.cnn_transformer.cnn_transformer"),
 }
+TEACHERS = {
+    "autoencoder": Model("networks.teachers.Autoencoder"),
+    "regressor": Model("networks.teachers.StateToLatent"),
+}
 PHYSICS_INFORMED = "physics-informed-"  # before any network's name: trained by equation 8
 
 
@@ -55,3 +59,11 @@ def model(name: str) -> Model:
     if name not in names():
         raise InputError("models", "name", repr(name), f"one of {', '.join(names())}")
     return MODELS[name.removeprefix(PHYSICS_INFORMED)]
+
+
+def modules(name: str) -> list[str]:
+    """The modules of a model and, where it has teachers, of these; raises InputError for an unknown
+    one."""
+    row = model(name)
+    has_teachers = row.encoder or name.startswith(PHYSICS_INFORMED)
+    return [row.module, *(t.module for t in TEACHERS.values() if has_teachers)]

@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import torch
@@ -31,8 +32,6 @@ from eitskin.errors import InputError
 from eitskin.learn import gates, model_file, models, networks
 from eitskin.learn.model_file import Trained
 from eitskin.learn.networks import Shape
-from eitskin.learn.networks.svr import Svr
-from eitskin.learn.networks.teachers import Autoencoder, StateToLatent
 from eitskin.progress import patient
 
 Loss = Callable[..., Tensor]  # (module, *batch) -> scalar
@@ -263,31 +262,6 @@ def _mean_loss(loss: Loss, module: nn.Module, samples: Sequence[Tensor]) -> floa
     return float(total) / len(samples[0])
 
 
-def fit_svr(voltage: Tensor, state: Tensor, tube: Tube) -> Svr:
-    """A support vector regression for each target on standardised voltages (n, M) and states
-    (n, T). It is deterministic."""
-    from sklearn.svm import SVR  # here, as only this fit needs it
-
-    voltages, states = voltage.double().cpu().numpy(), state.double().cpu().numpy()
-    gamma = 1.0 / (voltages.shape[1] * voltages.var())
-    dual, intercept = np.zeros((states.shape[1], len(voltages))), np.zeros(states.shape[1])
-    for k, target in enumerate(states.T):
-        fitted = SVR(C=tube.C, epsilon=tube.epsilon, gamma=gamma).fit(voltages, target)
-        dual[k, fitted.support_] = fitted.dual_coef_[0]
-        intercept[k] = fitted.intercept_[0]
-    support = np.flatnonzero((dual != 0).any(axis=0))
-    module = Svr(voltages.shape[1], states.shape[1])
-    module.load_state_dict(
-        {
-            "support": voltage.cpu()[support],
-            "dual": torch.from_numpy(dual[:, support]),
-            "intercept": torch.from_numpy(intercept),
-            "gamma": torch.tensor(gamma, dtype=torch.float64),
-        }
-    )
-    return module.to(voltage.device)
-
-
 def reconstruction(autoencoder: nn.Module, voltage: Tensor) -> Tensor:
     """Equation 5: mean squared error of the autoencoder's voltages (B, M)."""
     return (autoencoder(voltage) - voltage).square().mean()
@@ -316,7 +290,7 @@ def train_autoencoder(
     material = prepare(split, budget, seeds.draw)
     train, validation = ([values[0].to(device)] for values in (material.train, material.validation))
     torch.manual_seed(seeds.network)
-    module = Autoencoder(train[0].shape[1], latent_dim).to(device)
+    module = models.TEACHERS["autoencoder"].make(train[0].shape[1], latent_dim).to(device)
     history = fit(module, (train, validation), reconstruction, optimiser, budget, seeds.network)
     header = _header(split.dataset, "autoencoder", optimiser, budget, {"latent_dim": latent_dim})
     _write(header, material, output, seeds.network, module, history)
@@ -338,8 +312,8 @@ def train_regressor(
     latent_dim = teacher.header["latent_dim"]
     (voltage, state), (validation_voltage, validation_state) = _on_device(material, device)
     torch.manual_seed(seed)
-    encoder = teacher.load_into(Autoencoder(voltage.shape[1], latent_dim), seed).encoder.to(device)
-    module = StateToLatent(state.shape[1], latent_dim).to(device)
+    encoder = _network(teacher, "autoencoder", voltage.shape[1], seed).encoder.to(device)
+    module = models.TEACHERS["regressor"].make(state.shape[1], latent_dim).to(device)
     train, validation = (state, encoder(voltage)), (validation_state, encoder(validation_voltage))
     history = fit(module, (train, validation), alignment, optimiser, budget, seed)
     header = _header(split.dataset, "regressor", optimiser, budget, {"latent_dim": latent_dim})
@@ -384,27 +358,19 @@ def train_predictor(
     header = _header(dataset, model, fit_settings, budget, settings)
 
     torch.manual_seed(seed)
-    module = networks.predictor(model, Shape.from_header(header, v.shape[1])).to(device)
+    module: Any = networks.predictor(model, Shape.from_header(header, v.shape[1])).to(device)
     train, validation, regressor = [v, s], [v_check, s_check], None
     if model_row.encoder or lambda_latent:
-        latent_dim = settings["latent_dim"]
-        encoder = (
-            teacher_models[0]
-            .load_into(Autoencoder(v.shape[1], latent_dim), seed)
-            .encoder.to(device)
-        )
+        encoder = _network(teacher_models[0], "autoencoder", v.shape[1], seed).encoder.to(device)
     if model_row.encoder:
-        assert isinstance(module.encoder, nn.Module)
         module.encoder.load_state_dict(encoder.state_dict())
     if lambda_latent:
-        regressor = (
-            teacher_models[1].load_into(StateToLatent(s.shape[1], latent_dim), seed).to(device)
-        )
+        regressor = _network(teacher_models[1], "regressor", s.shape[1], seed).to(device)
         train, validation = [*train, encoder(v)], [*validation, encoder(v_check)]
 
     loss = _predictor_loss(weight, lambda_latent, regressor)
     if model_row.support_vectors:
-        module = fit_svr(v, s, Tube())
+        module.fit(v, s, **asdict(fit_settings))
         history = [[_mean_loss(loss, module, part) for part in (train, validation)]]
     else:
         history = fit(module, (train, validation), loss, recipe.optimiser, budget, seed)
@@ -488,6 +454,12 @@ def _teacher(path: str | Path, material: Material, seed: int) -> Trained:
     if seed not in teacher.seeds():
         raise InputError(path, "seeds", teacher.seeds(), f"{seed}, the pupil's")
     return teacher
+
+
+def _network(teacher: Trained, name: str, n_inputs: int, seed: int) -> Any:
+    """The network of a teacher, one of models.TEACHERS, with the weights of a seed, frozen."""
+    network = models.TEACHERS[name].make(n_inputs, teacher.header["latent_dim"])
+    return teacher.load_into(network, seed)
 
 
 def _write(

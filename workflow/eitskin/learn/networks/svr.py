@@ -1,5 +1,6 @@
 """Support vectors."""
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -21,6 +22,28 @@ class Svr(nn.Module):
         self.register_buffer("dual", torch.empty(n_targets, 0, dtype=torch.float64))
         self.register_buffer("intercept", torch.empty(n_targets, dtype=torch.float64))
         self.register_buffer("gamma", torch.empty((), dtype=torch.float64))
+
+    def fit(self, voltage: Tensor, state: Tensor, C: float, epsilon: float) -> None:
+        """Fit a regression for each target to standardised voltages (n, M) and states (n, T), with
+        the settings of `train.Tube`. It is deterministic."""
+        from sklearn.svm import SVR  # here, as only this fit needs it
+
+        voltages, states = voltage.double().cpu().numpy(), state.double().cpu().numpy()
+        gamma = 1.0 / (voltages.shape[1] * voltages.var())
+        dual, intercept = np.zeros((states.shape[1], len(voltages))), np.zeros(states.shape[1])
+        for k, target in enumerate(states.T):
+            fitted = SVR(C=C, epsilon=epsilon, gamma=gamma).fit(voltages, target)
+            dual[k, fitted.support_] = fitted.dual_coef_[0]
+            intercept[k] = fitted.intercept_[0]
+        support = np.flatnonzero((dual != 0).any(axis=0))
+        vectors = {
+            "support": voltage.cpu()[support],
+            "dual": torch.from_numpy(dual[:, support]),
+            "intercept": torch.from_numpy(intercept),
+            "gamma": torch.tensor(gamma, dtype=torch.float64),
+        }
+        self.load_state_dict(vectors)
+        self.to(voltage.device)
 
     def _load_from_state_dict(self, state_dict: dict, prefix: str, *arguments: object) -> None:
         """As PyTorch's, with the number of vectors of the file."""
