@@ -681,3 +681,35 @@ def test_the_workflow_knows_every_figure_and_captions_it():
         assert f'"{name}":' in rule
         assert (CAPTIONS / f"{name}.rst").is_file()
     assert set(page.CAPTIONS) == set(figures.FIGURES)
+
+
+def test_a_map_of_some_places_says_how_many_and_why(written):
+    evidence = read(written["explained"], *_rest(written["explained"]))
+    assert figures.unmapped_text(evidence) == ""
+    press = evidence.frames["press"].to_numpy()
+    residual = evidence.residual_after.copy()
+    residual[press == press.max()] = np.nan
+    count = press.max() + 1
+    told = figures.unmapped_text(replace(evidence, residual_after=residual))
+    assert told.startswith(f" It has {count - 1} of {count} places: at the others every touch was")
+
+
+def test_the_error_before_and_after_is_of_what_was_put_aside_in_one_scale(written):
+    evidence = read(written["explained"], *_rest(written["explained"]))
+    drawn = figures.hidden_error(evidence)
+    panels = [axes.collections[0] for axes in drawn.axes[:2]]
+    assert panels[0].get_clim() == panels[1].get_clim()
+    for panel, error in zip(panels, (evidence.last_before_V, evidence.last_after_V), strict=True):
+        is_last = evidence.frames["last"].to_numpy()
+        assert np.isfinite(error[is_last]).any() and np.isnan(error[~is_last]).all()
+        k = int(np.nanargmax(np.nanmean(error[is_last] ** 2, axis=0)))
+        largest = np.sqrt(np.nanmean(error[is_last, k] ** 2))
+        assert panel.get_array().max() * 1e-6 == pytest.approx(largest)
+    (panel,) = [
+        axes
+        for axes in figures.hidden_error(
+            read(written["consistent"], *_rest(written["consistent"]))
+        ).axes
+        if axes.get_title()
+    ]
+    assert panel.get_title().startswith("error: ")
