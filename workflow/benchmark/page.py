@@ -86,6 +86,10 @@ REASONS = (  # why rows fall short: the first whose pattern matches
     (r"diagnosis, 1000", "it has twice the frames"),
     (r"diagnosis, .* 32", "it has 928 channels in place of 208"),
     (r"sweep, 4 slots$", "there are two cores"),
+    (
+        r"plan, 1000 ",
+        "a start takes two fifths of it, and other work shared the cores' caches",
+    ),
     (r"diagnosed", "the rig's errors are learned anew for every set of effects that is tried"),
 )
 UNKNOWN = "the reason is not known"
