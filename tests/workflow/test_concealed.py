@@ -113,7 +113,8 @@ def test_a_sealed_block_is_never_planned_again(house):
         "concealed_case",
         "concealed_demo",
     }
-    told = house.snakemake("--dry-run", "--quiet", "rules").stderr
+    plan = house.snakemake("--dry-run")
+    told = plan.stdout + plan.stderr
     assert "The concealed cases demo are sealed and stay as they are; changed since: " in told
     assert "proof.conceal" in told and "rm -r results/concealed/demo results/truths/demo" in told
 
