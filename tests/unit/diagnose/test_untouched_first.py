@@ -80,11 +80,12 @@ def test_families_are_sought_in_an_excerpt_of_too_many_frames(at_most):
     assert staging._takes_families(search, touched=True)
     at_most(29)
     with pytest.raises(staging.FewerFrames) as fewer:
-        staging._takes_families(search, touched=True)
+        staging._refuse_too_many(search, touched=True)
     assert fewer.value.frames in (28, 29)
     part = diagnosis._excerpt(recorded, fewer.value.frames, lambda line: None)
     assert 20 <= len(part.frames) <= fewer.value.frames and not part.frames["touch"].all()
     at_most(12)  # too few for a diagnosis
+    staging._refuse_too_many(search, touched=True)
     assert not staging._takes_families(search, touched=True)
 
 

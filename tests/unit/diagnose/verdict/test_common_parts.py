@@ -64,6 +64,26 @@ def test_every_common_part_is_stated_also_where_presses_do_not_differ(moved):
         assert "place-delay" not in components  # nothing slides
 
 
+def test_parts_that_readings_do_not_tell_apart_are_not_stated():
+    """Of touches of one force, a cell whose zero is off and one whose factor is."""
+    recording = small_recording(noise=1e-4)
+    touched = recording.frames["touch"].to_numpy(bool)
+    noise = recording.voltage - voltage(recording, [])
+    recording.frames.loc[touched, "force_N"] = 5.0
+    recording.voltage = voltage(recording, []) + noise
+    recording.frames.loc[touched, "force_N"] = 4.8
+    components = components_of(recording)
+    stated = {name for name, component in components.items() if "common" in component}
+    assert "place-per-press" in stated
+    assert not stated & {"force-per-press", "force-zero-per-press"}
+
+
+def test_a_clock_that_nobody_measured_tells_no_delay():
+    recording = small_recording()
+    recording.metadata["clock"] = "index"
+    assert "force-delay" not in components_of(recording)
+
+
 def test_a_late_pose_shows_where_touches_slide():
     recording = small_recording(noise=1e-4)
     press, time_s = presses(recording), recording.frames["time_s"].to_numpy(float)

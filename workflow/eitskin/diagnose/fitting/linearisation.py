@@ -40,6 +40,7 @@ def linearisation(fit: Fit, converter_step: float) -> Linearisation:
             column: model.states[column].to_numpy(float) for column in ("x_mm", "y_mm", "force_N")
         },
         time_s=model.states["time_s"].to_numpy(float),
+        timed=model.timed,
         elapsed=elapsed(model.states),
         difference=model.difference,
         magnitude=model.magnitude,

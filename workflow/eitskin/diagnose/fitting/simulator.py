@@ -128,6 +128,7 @@ class RecordingSimulator:
             self.difference, self.magnitude, self.unit = base.difference, base.magnitude, base.unit
             self.sink_grounded, self.force_max_N = base.sink_grounded, base.force_max_N
             self.frame_s = metadata["frame_s"] or base.frame_s
+            self.timed: bool = base.timed
             return
         self.difference = metadata["values"] == "difference"
         self.magnitude = metadata["voltage"] == "magnitude"
@@ -135,6 +136,7 @@ class RecordingSimulator:
         self.sink_grounded = metadata["source_reference"] == "sink-grounded"
         self.force_max_N = float(np.nanmax(recording.frames["force_N"].fillna(0.0).to_numpy()))
         self.frame_s = metadata["frame_s"]
+        self.timed = metadata["clock"] == "measured"
         self.nominal_skin, self.calibrations = beliefs(recording)
         self._start_factor(recording)
 

@@ -40,6 +40,7 @@ class NoiseComponent(ABC):
     none. alike: which of the K errors, if all that it acts on have it alike, a calibration or an
     effect can do as well; their size tells nothing of the sd. largest: times the prior's sd, that
     the sd may be: more is no ordinary rig. in_covariance: whether fits reckon with it.
+    has_common_part: whether its mean over all presses is a number of its own that is reported.
     """
 
     name: ClassVar[str]
@@ -55,6 +56,7 @@ class NoiseComponent(ABC):
     alike: ClassVar[slice] = slice(0)
     largest: ClassVar[float] = 3.0
     in_covariance: ClassVar[bool] = True
+    has_common_part: ClassVar[bool] = False
 
     def affected_frames(self, linearisation: Linearisation) -> np.ndarray:
         """(N,) bool: frames that the error acts on; all."""
@@ -92,14 +94,10 @@ class NoiseComponent(ABC):
 
 
 class TouchComponent(NoiseComponent):
-    """An error of the stated place or force of touches, from frame to frame.
-
-    has_common_part: whether its mean over all presses is a number of its own that is reported.
-    """
+    """An error of the stated place or force of touches, from frame to frame."""
 
     acts_on = "frame"
     least_frames = LEAST_FRAMES
-    has_common_part: ClassVar[bool] = False
 
     @abstractmethod
     def displacements(self, linearisation: Linearisation) -> list[dict[str, np.ndarray]]:
@@ -468,6 +466,10 @@ class DelayComponent(PressTouchComponent):
     """A state is reported that was there so long ago, in all presses."""
 
     unit, prior_sd, acts_on = "s", 0.1, "whole"
+
+    def is_present(self, linearisation: Linearisation) -> bool:
+        """Whether times were measured."""
+        return linearisation.timed and super().is_present(linearisation)
 
     def is_identifiable(self, linearisation: Linearisation) -> bool:
         """Never: one number has no sd."""

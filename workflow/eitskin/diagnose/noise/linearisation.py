@@ -17,9 +17,9 @@ class Linearisation:
     place and the force of each frame's touch, by column of the states (x_mm, y_mm, force_N); a
     column by which the physics has no derivative is missing. touched (N,): frames with a touch of
     known place and force. press (N,): the press that such a frame is of, -1 for no press. states:
-    place and force (N,) of every frame's touch, by those columns; time_s (N,). elapsed (N,): share
-    of the recording's time that has gone.
-    difference, magnitude: whether readings are differences from a baseline, or magnitudes.
+    place and force (N,) of every frame's touch, by those columns. time_s (N,), and whether it was
+    measured: timed. elapsed (N,): share of the recording's time that has gone. difference,
+    magnitude: whether readings are differences from a baseline, or magnitudes.
     typical_reading: median |v| of the recording, or its noise where that is larger. converter_step:
     width of a converter's step that is wider than the noise, else 0. number (N,): of the frames.
     noise_sd (M,): of the channels. wander: of each channel's noise, what is slow. families
@@ -32,6 +32,7 @@ class Linearisation:
     press: np.ndarray
     states: Mapping[str, np.ndarray]
     time_s: np.ndarray
+    timed: bool
     elapsed: np.ndarray
     difference: bool
     magnitude: bool

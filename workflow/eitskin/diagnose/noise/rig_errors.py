@@ -168,11 +168,6 @@ class RigErrors:
         return self.noise_whitening.with_errors(errors)
 
     @property
-    def press_count(self) -> int:
-        """Number of presses."""
-        return len(np.unique(self.press[self.press >= 0]))
-
-    @property
     def learned(self) -> list[str]:
         """Components whose sds are learned."""
         return [name for name in self.columns if name not in self.assumed]

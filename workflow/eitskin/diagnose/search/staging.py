@@ -117,7 +117,7 @@ def searched(
     fitted = replace(recording, voltage=np.where(mask, recording.readings, np.nan))
     model = search.problem.model
     if not (model.touched.any() or model.difference or search.problem.families) and _misfit(search):
-        _takes_families(search, touched=False)
+        _refuse_too_many(search, touched=False)
     untouched = _untouched_first(search, fitted, seed)
     if untouched is None:
         return _on_all(search, fitted, seed, None)
@@ -232,7 +232,10 @@ def _untouched_first(search: Search, recording: Recording, seed: int) -> Explana
     dense_names = {effect.name for effect in named.effects if effect.scope == "dense"}
     if by_names is not None and len(dense_names) <= MOST_DENSE_NAMES:
         return by_names
-    if is_unlike(calibrated_search, calibration) or not _takes_families(search, touched=True):
+    if is_unlike(calibrated_search, calibration):
+        return by_names
+    _refuse_too_many(search, touched=True)
+    if not _takes_families(search, touched=True):
         return by_names
     used_share = untouched.budget_used * untouched.budget_share
     with_families = _with_families(replace(untouched, budget_share=used_share + UNTOUCHED_SHARE))
@@ -262,16 +265,22 @@ def _misfit(search: Search) -> tuple[Search, Explanation] | None:
 
 
 def _takes_families(search: Search, touched: bool) -> bool:
-    """Whether a catalogue has families, and a recording no more frames than these are fitted to.
-    Raises FewerFrames where an excerpt of so many shows enough."""
-    families = members(search.candidates)
-    if not families:
-        return False
-    frames, channels = search.problem.readings.shape
-    limit = most_frames(families, channels, touched)
-    if MIN_FRAMES <= limit < frames:
+    """Whether a catalogue has families, and a recording no more frames than these are fitted to."""
+    return len(search.problem.readings) <= _family_frames(search, touched)
+
+
+def _refuse_too_many(search: Search, touched: bool) -> None:
+    """Raise FewerFrames where a recording has more frames than families are fitted to, and an
+    excerpt of so many shows enough."""
+    limit = _family_frames(search, touched)
+    if MIN_FRAMES <= limit < len(search.problem.readings):
         raise FewerFrames(limit)
-    return frames <= limit
+
+
+def _family_frames(search: Search, touched: bool) -> int:
+    """The number of frames to which the families of a catalogue are fitted; 0 where it has none."""
+    families, channels = members(search.candidates), search.problem.readings.shape[1]
+    return most_frames(families, channels, touched) if families else 0
 
 
 def _explains(explanation: Explanation) -> bool:
@@ -283,10 +292,9 @@ def _explains(explanation: Explanation) -> bool:
 def _with_families(search: Search) -> Search:
     """A search of frames that nobody touches, with families in place of the candidates that are
     their members, where there are no more frames than these are fitted to."""
-    families = members(search.candidates)
-    frames, channels = search.problem.readings.shape
-    if not families or frames > most_frames(families, channels, touched=False):
+    if not _takes_families(search, touched=False):
         return search
+    families = members(search.candidates)
     search = replace(search, problem=replace(search.problem, families=families))
     every_member = (member for family in families.values() for member in family)
     return without_members_as_candidates(search, every_member)

@@ -7,7 +7,7 @@ from scipy.stats import t
 
 from eitskin.diagnose.fitting.fit import Fit
 from eitskin.diagnose.noise.component_sds import greatest_sd
-from eitskin.diagnose.noise.components import COMPONENTS, TouchComponent
+from eitskin.diagnose.noise.components import COMPONENTS
 from eitskin.diagnose.noise.rig_errors import RigErrors
 
 # An effect of the fit does what a component does where it leaves less of the component's energy.
@@ -42,26 +42,30 @@ def common_parts(fit: Fit, rig: RigErrors, error_sds: Mapping[str, float]) -> di
 
     A touch is where it is reported to be and this part further; by generalised least squares, all
     parts together and beside the coordinates of the fit, in its covariance: the chance mean of P
-    presses, s / sqrt(P), is in the interval, by Student's t of P - 1 degrees of freedom. Of an
-    error that is one number by itself (a delay) its own variance is left out. Components that
-    effects of the fit do as well (LEAST_FREE_SHARE) have none.
+    presses, s / sqrt(P), is in the interval, by Student's t of P - 1 degrees of freedom, over the
+    presses that the fit has. Of an error that is one number by itself (a delay) its own variance is
+    left out. Components that effects of the fit, or other parts, do as well have none
+    (LEAST_FREE_SHARE).
     """
     coordinates = fit.jacobian.reshape(len(fit.theta), -1)
     basis = np.linalg.qr(coordinates.T)[0] if len(coordinates) else coordinates.T
-    free = {}
-    for name, columns in rig.columns.items():
-        component = COMPONENTS[name]
-        if isinstance(component, TouchComponent) and component.has_common_part:
-            whitened = fit.problem.whitening(columns).reshape(len(columns), -1)
-            rest = whitened - (whitened @ basis) @ basis.T
-            if ((rest**2).sum(axis=1) > LEAST_FREE_SHARE * (whitened**2).sum(axis=1)).all():
-                free[name] = rest
+    whitened = {
+        name: fit.problem.whitening(columns).reshape(len(columns), -1)
+        for name, columns in rig.columns.items()
+        if COMPONENTS[name].has_common_part
+    }
+    least = {name: LEAST_FREE_SHARE * (rows**2).sum(axis=1) for name, rows in whitened.items()}
+    free = {name: rows - (rows @ basis) @ basis.T for name, rows in whitened.items()}
+    free = {n: rows for n, rows in free.items() if ((rows**2).sum(axis=1) > least[n]).all()}
+    free = {n: rows for n, rows in free.items() if (_beyond_others(free, n) > least[n]).all()}
     if not free:
         return {}
     stacked = np.concatenate(list(free.values()))
-    covariance = np.linalg.pinv(stacked @ stacked.T, hermitian=True)
+    covariance = np.linalg.inv(stacked @ stacked.T)
     value, variance = covariance @ (stacked @ fit.residual.ravel()), np.diag(covariance)
-    half_width = float(t.ppf(UPPER, max(rig.press_count - 1, 1)))
+    is_fitted = fit.problem.whitening.mask.any(axis=1) & (rig.press >= 0)
+    presses = len(np.unique(rig.press[is_fitted]))
+    half_width = float(t.ppf(UPPER, max(presses - 1, 1)))
     parts, start = {}, 0
     for name, rest in free.items():
         place = slice(start, start := start + len(rest))
@@ -72,3 +76,13 @@ def common_parts(fit: Fit, rig: RigErrors, error_sds: Mapping[str, float]) -> di
         ends = {"value": value[place], "low": value[place] - half, "high": value[place] + half}
         parts[name] = {k: v.tolist() if len(rest) > 1 else float(v[0]) for k, v in ends.items()}
     return parts
+
+
+def _beyond_others(rows: Mapping[str, np.ndarray], name: str) -> np.ndarray:
+    """(K,): squared length of each of the K rows of a name beyond all rows of the other names."""
+    others = np.concatenate(
+        [np.zeros((0, rows[name].shape[1])), *(r for n, r in rows.items() if n != name)]
+    )
+    products = others @ rows[name].T
+    taken = (products * (np.linalg.pinv(others @ others.T, hermitian=True) @ products)).sum(axis=0)
+    return np.asarray((rows[name] ** 2).sum(axis=1) - taken)
