@@ -22,6 +22,9 @@ ROUNDS = 8  # of scoring at most: it converges in three or four
 REFIT_ROUNDS = 2  # where a component was taken out: the others are near their optimum
 SHORTENING, LEAST_SHARE = 0.3, 0.05  # of a step that does not help; shares below are not tried
 LARGEST_LOG_SD = 2.0  # of a variance: by then an interval spans a factor of 50 and says nothing
+# Nats that occasional components must be worth together, by the quadratic of their scoring beside
+# the others: many at once hinder each other's scoring.
+OCCASIONAL_GAIN = 2.0
 LEAST_GAIN = 0.5  # nats that a component must be worth: half a chi squared of one, its mean
 # A component is not tried without where it is worth so many nats, by the quadratic of its scoring,
 # or has the sd at which learning began, within a factor.
@@ -40,13 +43,17 @@ def learn_error_sds(
     """The sds of the greatest likelihood of a residual (N, M), from a start, and that likelihood.
 
     A component that is worth less than LEAST_GAIN has 0; those that are assumed have the prior's
-    sd. start_cache: of the scoring at the start; end_cache: for the scoring at the sds that are
-    returned, unless a component is taken out there.
+    sd. Occasional ones enter where the others leave OCCASIONAL_GAIN. start_cache: of the scoring at
+    the start; end_cache: for the scoring at the sds that are returned, unless a component is taken
+    out there.
     """
-    error_sds, free = rig_errors.initial_sds(start_sds), rig_errors.learned
+    error_sds, free = rig_errors.initial_sds(start_sds), rig_errors.learned_first(start_sds)
     climb = _Climb(rig_errors, residual)
     rounds = ROUNDS if free else 0
     climbed, best, gains = climb.run(error_sds, free, rounds, start_cache, end_cache)
+    if entering := climb.entering(climbed, [n for n in rig_errors.learned if n not in free]):
+        free = [*free, *entering]
+        climbed, best, gains = climb.run(climbed, free, ROUNDS, None, end_cache)
     error_sds = climbed
     for name in sorted(free, key=lambda k: climbed[k] / rig_errors.prior_sds[k]):
         error_sd = error_sds[name]
@@ -185,6 +192,17 @@ class _Climb:
             if best - previous < SETTLED:
                 break
         return error_sds, best, gains
+
+    def entering(self, error_sds: dict[str, float], occasional: list[str]) -> list[str]:
+        """Those of some components without an sd that are worth one beside the others."""
+        if not occasional:
+            return []
+        names = [n for n in self.rig_errors.learned if error_sds[n] > 0.0 or n in occasional]
+        whitening = self.rig_errors.whitening(error_sds, restricted=True)
+        step = self._step(error_sds, Scoring(self.rig_errors, whitening, names), names)
+        if step.promise < OCCASIONAL_GAIN:
+            return []
+        return [name for name in occasional if step.target[name] > 0.0]
 
     def _improved(
         self, error_sds: dict[str, float], step: _Step, best: float

@@ -41,6 +41,7 @@ class NoiseComponent(ABC):
     effect can do as well; their size tells nothing of the sd. largest: times the prior's sd, that
     the sd may be: more is no ordinary rig. in_covariance: whether fits reckon with it.
     has_common_part: whether its mean over all presses is a number of its own that is reported.
+    occasional: whether its sd is learned only where the other components leave something to it.
     """
 
     name: ClassVar[str]
@@ -57,6 +58,7 @@ class NoiseComponent(ABC):
     largest: ClassVar[float] = 3.0
     in_covariance: ClassVar[bool] = True
     has_common_part: ClassVar[bool] = False
+    occasional: ClassVar[bool] = False
 
     def affected_frames(self, linearisation: Linearisation) -> np.ndarray:
         """(N,) bool: frames that the error acts on; all."""
@@ -390,6 +392,7 @@ class PlaceWalk(WalkingTouchComponent):
     """The robot's place walks: arms warm up, belts slip."""
 
     name, unit, prior_sd = "place-walk", "mm", 1.0
+    occasional = True
     every_frame = PlacePerFrame.name
     alike = slice(2)
 
@@ -403,6 +406,7 @@ class ForceWalk(WalkingTouchComponent):
     """The load cell's factor walks."""
 
     name, unit, prior_sd = "force-walk", "1", 0.1
+    occasional = True
     every_frame = ForcePerFrame.name
     alike = slice(1)
 
@@ -429,6 +433,7 @@ class CreepingTouchComponent(PressTouchComponent):
     press's last frame."""
 
     has_common_part = False
+    occasional = True
     alike = slice(0)
 
     def is_present(self, linearisation: Linearisation) -> bool:

@@ -172,6 +172,15 @@ class RigErrors:
         """Components whose sds are learned."""
         return [name for name in self.columns if name not in self.assumed]
 
+    def learned_first(self, start_sds: Mapping[str, float]) -> list[str]:
+        """Those of `learned` with which learning begins: all but occasional ones without an sd at
+        the start."""
+        return [
+            name
+            for name in self.learned
+            if not COMPONENTS[name].occasional or start_sds.get(name, 0.0) > 0.0
+        ]
+
     def initial_sds(self, start_sds: Mapping[str, float]) -> dict[str, float]:
         """The sd of every component: that of a start, else 0; the prior's where it is assumed, 0
         where fits do not reckon with it."""

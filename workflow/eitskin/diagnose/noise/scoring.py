@@ -124,8 +124,8 @@ class ScoringCache:
 
     def prepare(self, rig_errors: RigErrors, start_sds: Mapping[str, float]) -> None:
         """Computes the scoring with which learning begins at a start."""
-        if rig_errors.learned:
-            self.scoring(rig_errors, rig_errors.initial_sds(start_sds), rig_errors.learned)
+        if names := rig_errors.learned_first(start_sds):
+            self.scoring(rig_errors, rig_errors.initial_sds(start_sds), names)
 
     def clear(self) -> None:
         """Frees the memory of the scoring."""
