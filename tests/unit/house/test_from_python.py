@@ -85,6 +85,40 @@ def test_the_jacobian_by_discs_is_the_central_difference_of_a_patch_of_the_skin(
         assert np.linalg.norm(column - expected) < 1e-3 * np.linalg.norm(expected)
 
 
+@pytest.mark.parametrize("way", ["arbitrary", "unknown current", "robot"])
+def test_a_jacobian_of_an_ordinary_recording_is_that_of_its_stated_twin(sample, way):
+    discs = np.array([[10.0, 0.0, 5.0]])
+    expected = eitskin.jacobian(sample, None, discs).matrix
+    stated = {
+        "arbitrary": {"unit": "arbitrary"},
+        "unknown current": {"skin": sample.metadata["skin"] | {"current_A": None}},
+        "robot": {"position_frame": "robot"},
+    }[way]
+    recorded = replace(sample, metadata=sample.metadata | stated)
+    believed = Simulator.believed(recorded)
+    matrix = eitskin.jacobian(recorded, believed, discs).matrix
+    scale = np.median(np.abs(sample.voltage)) / np.median(np.abs(eitskin.simulate(sample)))
+    assert matrix == pytest.approx(expected * (1.0 if way == "robot" else scale), rel=1e-6)
+    query = replace(recorded, voltage=None)
+    assert np.isfinite(eitskin.simulate(query, believed)).all()
+    with pytest.raises(InputError, match="this is a query"):
+        eitskin.simulate(query)
+
+
+def test_the_robot_s_places_are_aligned_or_refused(sample, shifted):
+    first = int(np.flatnonzero(sample.frames["touch"])[0])
+    few = eitskin.read(SAMPLE / "recording.parquet", frames=(first - 1, first + FEW))
+    turned = 1j * (few.frames["x_mm"] + 1j * few.frames["y_mm"])
+    frames = few.frames.assign(x_mm=turned.to_numpy().real, y_mm=turned.to_numpy().imag)
+    robot = replace(few, frames=frames, metadata=few.metadata | {"position_frame": "robot"})
+    back = {"robot_scale": 1.0, "robot_rotation_deg": -90.0, "robot_x_mm": 0.0, "robot_y_mm": 0.0}
+    aligned = replace(shifted, alignment=back)
+    assert eitskin.simulate(robot, aligned) == pytest.approx(eitskin.simulate(few, shifted))
+    for simulated in (eitskin.simulate, eitskin.effect_jacobian):
+        with pytest.raises(InputError, match="position_frame"):
+            simulated(robot, shifted)
+
+
 def test_the_jacobian_of_all_pixels_is_that_of_a_conductivity(few, shifted):
     jacobian = eitskin.jacobian(few, shifted)
     ends = [
@@ -129,12 +163,17 @@ def test_an_image_of_a_simulated_rise_is_where_it_was(few):
     assert np.hypot(*(found - jacobian.discs[truth, :2])) < 0.1 * few.skin.radius_mm
 
 
-def test_a_magnitude_has_the_sign_of_its_reading_taken_out(few, shifted):
-    signed = eitskin.jacobian(few, shifted, np.array([[10.0, 0.0, 5.0]])).matrix
+def test_the_jacobian_of_magnitudes_is_the_central_difference_of_magnitudes(few, shifted):
+    x_mm, y_mm, radius_mm = disc = [10.0, 0.0, 5.0]
     magnitude = replace(few, metadata=few.metadata | {"voltage": "magnitude"})
-    matrix = eitskin.jacobian(magnitude, shifted, np.array([[10.0, 0.0, 5.0]])).matrix
-    reading = eitskin.simulate(few, shifted)[0]
-    assert matrix == pytest.approx(signed * np.sign(reading)[:, None])
+    matrix = eitskin.jacobian(magnitude, shifted, np.array([disc])).matrix
+    ends = []
+    for contrast in (0.99, 1.01):
+        values = {"x_mm": x_mm, "y_mm": y_mm, "radius_mm": radius_mm, "contrast": contrast}
+        patch = {"name": "conductivity-patch", "parameters": values}
+        ends.append(np.abs(eitskin.simulate(few, replace(shifted, effects=[SHIFTED, patch]))[0]))
+    expected = (ends[1] - ends[0]) / 0.02
+    assert np.linalg.norm(matrix[:, 0] - expected) < 1e-3 * np.linalg.norm(expected)
 
 
 def test_a_recording_that_is_not_usable_is_refused_with_its_reason(sample):
