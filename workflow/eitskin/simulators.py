@@ -75,7 +75,7 @@ class Simulator:
         if model.unit == "ohm":
             skin = replace(skin, current_A=corrected.ONE_AMPERE)
         alignment = {key: values[key] for key in ALIGNMENT if key in values}
-        return cls(skin, effects, values.get("factor", 1.0), alignment=alignment)
+        return cls(skin, tuple(effects), values.get("factor", 1.0), alignment=alignment)
 
     @classmethod
     def read(cls, folder: str | Path) -> "Simulator":

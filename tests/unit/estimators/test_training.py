@@ -1,11 +1,13 @@
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from eitskin import cli
 from eitskin.data import recording
+from eitskin.diagnose.report import answer
 from eitskin.errors import InputError
 from eitskin.estimators import training
 from eitskin.estimators.sets import source_set
@@ -102,6 +104,34 @@ def test_a_set_as_recorded_has_its_kind_of_voltage_and_lacks_what_it_lost(folder
     dataset = source_set(*job, True).dataset
     assert dataset.metadata["voltage"] == "magnitude" and dataset.metadata["lost_channels"] == [3]
     assert source_set(*job).dataset.metadata["voltage"] == "signed"
+
+
+@pytest.mark.parametrize(
+    ("stated", "place"),
+    [
+        ({"values": "difference"}, "values"),
+        ({"position_frame": "robot"}, "position_frame"),
+        ({}, "column touch"),
+    ],
+)
+def test_what_no_estimator_is_trained_on_is_refused_and_not_recommended(folder, stated, place):
+    recorded = recording.read(folder / "recording.parquet")
+    frames = recorded.frames if stated else recorded.frames.assign(touch=False)
+    other = replace(recorded, frames=frames, metadata=recorded.metadata | stated)
+    with pytest.raises(InputError, match=place):
+        source_set(Simulator.read(folder), other, 100, 1, PressPrior(FORCES, 8.0), "set")
+    consistent = {"effects": [], "verdict": "consistent", "fit": {"last": None, "held_out": {}}}
+    trained, refused = (
+        answer._use(SimpleNamespace(diagnosis=consistent, recording=item))
+        for item in (recorded, other)
+    )
+    assert "eitskin train" in trained and "eitskin train" not in refused
+
+
+@pytest.mark.parametrize("count", ["samples", "epochs", "seeds"])
+def test_a_count_below_one_is_refused(folder, count, capsys):
+    assert cli.main(["train", str(folder), f"--{count}", "0"]) == 1
+    assert f"{count}: found 0, expected 1 or more" in capsys.readouterr().err
 
 
 def test_a_folder_without_evidence_and_a_target_of_another_board_are_refused(folder, tmp_path):

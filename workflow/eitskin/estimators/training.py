@@ -45,13 +45,19 @@ PROBE_MM = 10.0  # where the probe is unknown: the paper's middle one
 @dataclass(frozen=True)
 class Plan:
     """How an estimator is trained: samples of a set, epochs, seeds of the weights, the first of
-    them `seed`, and of the networks without an electrode `spare_epochs`."""
+    them `seed`, and of the networks without an electrode `spare_epochs`. Raises InputError for a
+    count below 1."""
 
     samples: int = 20000
     epochs: int = 40
     seeds: int = 3
     seed: int = 1
     spare_epochs: int = 6
+
+    def __post_init__(self) -> None:
+        for key in ("samples", "epochs", "seeds", "spare_epochs"):
+            if getattr(self, key) < 1:
+                raise InputError("training", key, str(getattr(self, key)), "1 or more")
 
     @property
     def recipe(self) -> Recipe:
@@ -100,7 +106,7 @@ def trained(
     target: another recording of the skin by the same channels, whose labels test the estimator; by
     default the frames that the diagnosis put aside. perturbations: effects of a configuration, such
     as the paper's. Raises InputError for another folder, a recording without touches at known
-    places, one of differences, and a target of another board.
+    places of the skin, one of differences, and a target of another board or frame.
     """
     plan = plan or Plan()
     folder = Path(folder)
@@ -154,7 +160,10 @@ def _tests(
         name, tested = ASIDE, recorded
     else:
         dataset.check_compatibility(target, source.metadata, "target")
-        name, tested, aside_s = OTHER, target, np.zeros(0)
+        if target.metadata["position_frame"] != "skin":
+            actual = target.metadata["position_frame"]
+            raise InputError("target", "position_frame", actual, "skin, as trained on")
+        name, tested, aside_s = OTHER, usable(target)[0], np.zeros(0)
     labelled = dataset.from_recording(tested, name)
     common = [key for key in source.metadata["targets"] if key in labelled.metadata["targets"]]
     columns = [labelled.metadata["targets"].index(key) for key in common]
@@ -204,7 +213,7 @@ def _by_labels(
     test: Test, labelled: Test, source: Split, model: Trained, plan: Plan
 ) -> Iterator[tuple]:
     """Rows with few labels: affine and fine-tuned after training on the corrected simulator, and
-    the nearest of the labels, without any simulator."""
+    the mean of the nearest labels (`transfer.NEIGHBOURS`), without any simulator."""
     columns, seed = _columns(model, test.targets), model.seeds()[0]
     scale = model.tensors["state_scale"].numpy()[columns]
     zero_shot = [predict_seeds(model, part.delta_V)[0][:, columns] for part in (test, labelled)]
