@@ -167,7 +167,8 @@ def test_the_command_writes_and_answers(folder, tmp_path, capsys, monkeypatch):
 
 
 def test_perturbations_are_those_of_a_configuration(tmp_path, capsys):
-    (tmp_path / "other.yaml").write_text("configurations: {}")
     command = ["train", "nowhere", "--perturbations", str(tmp_path / "other.yaml")]
-    assert cli.main(command) == 1
-    assert "configurations.authors.effects: found nothing" in capsys.readouterr().err
+    for text in ("configurations: {}", "configurations:", "configurations: {authors: 3}"):
+        (tmp_path / "other.yaml").write_text(text)
+        assert cli.main(command) == 1
+        assert "configurations.authors.effects: found nothing" in capsys.readouterr().err
