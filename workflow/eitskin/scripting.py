@@ -8,15 +8,17 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from eitskin import answer_folder
+from eitskin.atomic import held_folder
 from eitskin.data import check, reconstruct, recording
 from eitskin.data.recording import Recording, frames_table
-from eitskin.diagnose import files, parts
+from eitskin.diagnose import parts
 from eitskin.diagnose.compare.result import comparison
 from eitskin.diagnose.fitting.excerpt import LIMIT_GIB
-from eitskin.diagnose.report import page
 from eitskin.diagnose.verdict import words
 from eitskin.diagnose.verdict.record import Record, record
 from eitskin.errors import InputError
@@ -24,7 +26,6 @@ from eitskin.physics import outline
 from eitskin.physics.skin import Skin
 from eitskin.simulators import Simulator
 
-SCHEMA = Path(__file__).parent / "diagnose" / "diagnosis.schema.yaml"
 ACROSS = 32  # pixels over the skin
 STEP = 1e-3  # relative, of a conductivity; of an effect's parameter, in its typical changes
 UNTOUCHED_STAGES = ("skin", "wiring", "instrument")  # of effects that untouched frames show
@@ -35,7 +36,7 @@ class Report:
     """An answer: of a diagnosis or of a comparison. A notebook shows its sentences.
 
     document: the content of diagnosis.json or comparison.json; sentences: its words; simulator: the
-    corrected one, None of a comparison.
+    corrected one, None of a comparison; recording, record, query: what `write` writes.
     """
 
     document: dict
@@ -43,6 +44,7 @@ class Report:
     simulator: Simulator | None = None
     recording: Recording | None = field(default=None, repr=False)
     record: Record | None = field(default=None, repr=False)
+    query: Recording | None = field(default=None, repr=False)
 
     @classmethod
     def read(cls, folder: str | Path) -> "Report":
@@ -53,36 +55,26 @@ class Report:
         except (OSError, ValueError) as error:
             expected = "the folder that eitskin diagnose wrote"
             raise InputError(path, "file", type(error).__name__, expected) from error
-        return cls(document, all_sentences(document), Simulator.read(folder))
+        return cls(document, words.all_sentences(document), Simulator.read(folder))
 
     def write(self, folder: str | Path) -> Path:
         """Write what `eitskin diagnose` writes into `folder`; the path of report.html. Raises
         InputError for the answer of a comparison, or one that was read from files."""
         if self.record is None or self.recording is None:
             raise InputError("report", "record", "nothing", "the answer of eitskin.diagnose")
-        folder = Path(folder)
-        source, report = folder / "recording.parquet", folder / "report.html"
-        folder.mkdir(parents=True, exist_ok=True)
-        recording.write(self.recording, source)
-        files.write(self.record, folder, SCHEMA)
-        page.write(folder, source, SCHEMA, report)
-        return report
+        with held_folder(folder) as held, TemporaryDirectory() as temporary:
+            answer_folder.begin(held, self.recording)
+            query = None
+            if self.query is not None:
+                query = Path(temporary) / "query.parquet"
+                recording.write(self.query, query)
+            return answer_folder.finish(held, self.record, query)
 
     def _repr_html_(self) -> str:
         """The sentences as HTML, the first one strong."""
         first, *others = map(escape, self.sentences)
         items = "".join(f"<li>{sentence}</li>" for sentence in others)
         return f"<div><p><strong>{first}</strong></p><ul>{items}</ul></div>"
-
-
-def all_sentences(document: dict) -> list[str]:
-    """The sentences that `eitskin diagnose` prints of a diagnosis.json."""
-    told = [
-        "\n".join([f"{head}:", *sentences] if head else sentences)
-        for head, sentences in words.part_sentences(document) or [("", words.sentences(document))]
-    ]
-    bounds = words.bound_sentences(document["calibration"])
-    return [*"\n".join(told).split("\n"), *words.unlabelled_sentences(document), *bounds]
 
 
 def simulate(recorded: Recording, simulator: Simulator | None = None) -> np.ndarray:
@@ -243,7 +235,12 @@ def diagnose(
     answered = record(diagnosis, name, query)
     simulator = Simulator.from_fit(diagnosis.explanation.fit)
     return Report(
-        answered.document, all_sentences(answered.document), simulator, recorded, answered
+        answered.document,
+        words.all_sentences(answered.document),
+        simulator,
+        recorded,
+        answered,
+        query,
     )
 
 

@@ -9,10 +9,12 @@ import pandas as pd
 import pytest
 
 import eitskin
+from benchmark import images
 from eitskin import peers
+from eitskin.diagnose.verdict.words import all_sentences
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry
-from eitskin.scripting import Report, all_sentences
+from eitskin.scripting import Report
 from eitskin.simulators import Simulator
 
 ROOT = Path(__file__).parents[3]
@@ -194,9 +196,12 @@ def test_a_comparison_is_a_report_that_a_notebook_shows(sample):
 
 @pytest.mark.long
 def test_a_report_is_written_and_read_again(sample, tmp_path):
-    report = eitskin.diagnose(sample)
+    query = eitskin.read(SAMPLE / "recording.parquet", frames=(0, FEW - 1))
+    report = eitskin.diagnose(sample, query=query)
     assert "Electrode 6" in report._repr_html_()
     assert report.write(tmp_path).is_file()
+    predicted = pd.read_parquet(tmp_path / "predicted.parquet")
+    assert np.stack(predicted["voltage_V"]) == pytest.approx(report.record.prediction[0])
     again = Report.read(tmp_path)
     assert again.sentences == report.sentences == all_sentences(report.document)
     ours, theirs = (eitskin.simulate(sample, item.simulator) for item in (report, again))
@@ -232,13 +237,20 @@ def test_a_model_for_eidors_is_read_again(tmp_path):
     peers.write_eidors(tmp_path / "m.mat", node, element, [1, 2, 3], channels, matrix)
     nodes, elements = peers.read_eidors(tmp_path / "m.mat")
     assert (nodes == node).all() and (elements == element).all()
+    space = np.array([[0, 1, 2, 3]])
+    peers.write_eidors(tmp_path / "space.mat", node, space, [1, 2, 3], channels)
+    with pytest.raises(InputError, match=r"elems: found shape \(1, 4\)"):
+        peers.read_eidors(tmp_path / "space.mat")
     (tmp_path / "other.mat").write_bytes(b"MATLAB")
     with pytest.raises(InputError, match="damaged or cut"):
         peers.read_eidors(tmp_path / "other.mat")
 
 
-def test_with_our_matrix_pyeit_has_the_sample_s_presses_nearer():
-    rows = pd.read_csv(SAMPLE / "images.csv")
+@pytest.mark.long
+def test_with_our_matrix_pyeit_has_the_sample_s_presses_nearer(sample, shifted):
+    pytest.importorskip("pyeit.eit.jac")
+    rows = images.table(sample, shifted)
+    assert len(rows) == len(pd.read_csv(SAMPLE / "images.csv"))
     assert rows["ours_mm"].mean() < rows["own_mm"].mean()
 
 
