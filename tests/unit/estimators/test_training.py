@@ -121,11 +121,11 @@ def test_what_no_estimator_is_trained_on_is_refused_and_not_recommended(folder, 
     with pytest.raises(InputError, match=place):
         source_set(Simulator.read(folder), other, 100, 1, PressPrior(FORCES, 8.0), "set")
     consistent = {"effects": [], "verdict": "consistent", "fit": {"last": None, "held_out": {}}}
-    trained, refused = (
+    text, other_text = (
         answer._use(SimpleNamespace(diagnosis=consistent, recording=item))
         for item in (recorded, other)
     )
-    assert "eitskin train" in trained and "eitskin train" not in refused
+    assert "eitskin train" in text and "eitskin train" not in other_text
 
 
 @pytest.mark.parametrize("count", ["samples", "epochs", "seeds"])
