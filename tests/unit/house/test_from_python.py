@@ -208,6 +208,22 @@ def test_a_report_is_written_and_read_again(sample, tmp_path):
     assert np.linalg.norm(ours - theirs) < 1e-6 * np.linalg.norm(ours)
 
 
+def test_a_simulator_is_read_with_its_factor_and_the_robot_s_frame_of_a_diagnosis(few, tmp_path):
+    (tmp_path / "effects.yaml").write_text(
+        json.dumps({"twin": {"skin": few.skin.metadata(), "effects": []}})
+    )
+    values = {"factor": 3.0, "robot_scale": -1.1, "thickness_mm": 2.0}
+    calibration = {key: {"value": value} for key, value in values.items()}
+    (tmp_path / "diagnosis.json").write_text(json.dumps({"calibration": calibration}))
+    simulator = Simulator.read(tmp_path)
+    assert simulator.factor == 3.0 and simulator.alignment == {"robot_scale": -1.1}
+
+
+def test_the_simulator_of_ohms_has_one_ampere(few):
+    ohms = replace(few, metadata=few.metadata | {"unit": "ohm"})
+    assert Simulator.believed(ohms).skin.current_A == 1.0
+
+
 def test_a_folder_without_a_diagnosis_is_refused(tmp_path):
     with pytest.raises(InputError, match="the folder that eitskin diagnose wrote"):
         Report.read(tmp_path)
