@@ -3,6 +3,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from eitskin import cli
@@ -149,6 +150,25 @@ def test_a_folder_without_evidence_and_a_target_of_another_board_are_refused(fol
     )
     with pytest.raises(InputError, match="target: channels"):
         training._tests(recorded, folder, turned, dataset)
+    robot = replace(recorded, metadata=recorded.metadata | {"position_frame": "robot"})
+    with pytest.raises(InputError, match="target: position_frame"):
+        training._tests(recorded, folder, robot, dataset)
+
+
+def test_of_a_target_only_what_is_usable_tests(folder):
+    recorded = recording.read(folder / "recording.parquet")
+    dataset = source_set(
+        Simulator.read(folder), recorded, 100, 1, PressPrior(FORCES, 8.0), "set"
+    ).dataset
+    frames = pd.concat([recorded.frames, recorded.frames.iloc[-5:]], ignore_index=True)
+    step_s = recorded.frames["time_s"].diff().median()
+    frames["time_s"], frames["frame"] = step_s * np.arange(len(frames)), np.arange(len(frames))
+    voltage = np.vstack([recorded.voltage, recorded.voltage[-5:]])
+    sizes = []
+    for target in (recorded, replace(recorded, frames=frames, voltage=voltage)):
+        (test,), labelled = training._tests(recorded, folder, target, dataset)
+        sizes.append(len(test.states) + len(labelled.states))
+    assert sizes[0] == sizes[1]
 
 
 def test_the_command_writes_and_answers(folder, tmp_path, capsys, monkeypatch):
