@@ -1,7 +1,7 @@
 """eitskin: physics, learning and diagnosis of EIT tactile skins.
 
-From Python: `read`, `simulate`, `jacobian`, `effect_jacobian`, `diagnose`, `compare`, `Report`,
-`Simulator` (`eitskin.scripting`, `eitskin.simulators`). They are imported on first use.
+From Python: `read`, `simulate`, `jacobian`, `effect_jacobian`, `pixels`, `diagnose`, `compare`,
+`Report`, `Simulator` (`eitskin.scripting`, `eitskin.simulators`). They are imported on first use.
 """
 
 from importlib import import_module

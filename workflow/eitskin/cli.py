@@ -30,7 +30,6 @@ from eitskin.stream import cli as streaming
 
 REFUSED, UNUSABLE, INTERRUPTED = 1, 2, 130
 TABLE_TOPICS = ("order", "polarity", "numbering")  # of the check: errors of the channel table
-SCHEMA = Path(__file__).parent / "diagnose" / "diagnosis.schema.yaml"
 EXIT_CODES = """\
 exit codes:
   0      done
@@ -423,9 +422,9 @@ def _import(arguments: argparse.Namespace) -> int:
 
 def _diagnose(arguments: argparse.Namespace) -> int:
     # seconds, which other commands spare
-    from eitskin.diagnose import files, parts
+    from eitskin import answer_folder
+    from eitskin.diagnose import parts
     from eitskin.diagnose.fitting import memory
-    from eitskin.diagnose.report import evidence, page
     from eitskin.diagnose.search import starting_point
     from eitskin.diagnose.verdict import words
     from eitskin.diagnose.verdict.record import read_query, record
@@ -438,11 +437,9 @@ def _diagnose(arguments: argparse.Namespace) -> int:
         earlier = starting_point.read(arguments.earlier, recorded.channels)
     name = _stem(arguments.file, arguments.frames)
     folder_path = Path(arguments.out or f"diagnosis-{name}")
-    report, predicted = folder_path / "report.html", folder_path / "predicted.parquet"
-    answer = report, folder_path / "diagnosis.json", predicted
     if folder_path.is_dir():
         with held_folder(folder_path):
-            _forget(answer)
+            answer_folder.forget(folder_path)
     if _no_disc(recorded, arguments):
         return UNUSABLE
     memory.frame_limit(recorded, arguments.memory, arguments.file)
@@ -452,29 +449,18 @@ def _diagnose(arguments: argparse.Namespace) -> int:
     with contextlib.redirect_stdout(sys.stderr if arguments.json else sys.stdout):
         _print_before(full_check, len(recorded.frames), arguments)
     with held_folder(folder_path) as folder, named(arguments.file):
-        _forget((*answer, *evidence.file_paths(folder), *page.figure_paths(report)))
-        source = folder / "recording.parquet"
-        recording.write(recorded, source)
+        answer_folder.begin(folder, recorded)
         diagnosis = parts.diagnose(
             recorded, progress=True, memory_GiB=arguments.memory, earlier=earlier
         )
         answered = record(diagnosis, name, query)
-        files.write(answered, folder, SCHEMA, arguments.query)
-        document = answered.document
         if not arguments.json:
-            for head, sentences in words.part_sentences(document) or [
-                ("", words.sentences(document))
-            ]:
-                _say("\n".join([f"{head}:", *sentences] if head else sentences))
-            for sentence in (
-                *words.unlabelled_sentences(document),
-                *words.bound_sentences(document["calibration"]),
-            ):
+            for sentence in words.all_sentences(answered.document):
                 _say(sentence)
             sys.stdout.flush()
-        page.write(folder, source, SCHEMA, report, None if arguments.query is None else predicted)
+        report = answer_folder.finish(folder, answered, arguments.query)
     if arguments.json:
-        answers.write(document | {"report": str(report)})
+        answers.write(answered.document | {"report": str(report)})
     else:
         _say(str(report))
     return 0
@@ -498,17 +484,17 @@ def _train(arguments: argparse.Namespace) -> int:
     try:
         from eitskin.estimators import training
     except ModuleNotFoundError as error:
-        expected = "it: pip install eitskin[workflow]"
+        expected = "it: pip install '.[workflow]'"
         raise InputError("eitskin train", f"module {error.name}", "none", expected) from error
     from eitskin.configuration import perturbations
 
     target = None if arguments.target is None else read(arguments.target)
-    drawn = None if arguments.perturbations is None else perturbations(arguments.perturbations)
+    effects = None if arguments.perturbations is None else perturbations(arguments.perturbations)
     keys = ("samples", "epochs", "seeds")
     stated_values = {key: getattr(arguments, key) for key in keys}
     plan = training.Plan(**{k: v for k, v in stated_values.items() if v is not None})
     with named(arguments.folder):
-        estimator = training.trained(arguments.folder, target, drawn, plan)
+        estimator = training.trained(arguments.folder, target, effects, plan)
     paths = estimator.write(arguments.out or Path(arguments.folder) / "estimator")
     if arguments.json:
         card = json.loads(estimator.card.to_json(orient="records"))
@@ -535,13 +521,6 @@ def _why(arguments: argparse.Namespace) -> int:
         for sentence in step["changed"]:
             _say(f"{space}  changed since: {sentence}")
     return 0
-
-
-def _forget(answer: Sequence[Path]) -> None:
-    """Remove what an earlier run wrote: a refused or interrupted run has no answer, and beside a
-    new recording lies nothing of another one."""
-    for earlier in answer:
-        earlier.unlink(missing_ok=True)
 
 
 def _titles(

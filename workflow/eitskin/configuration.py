@@ -193,12 +193,13 @@ def _schema(uri: str) -> Resource:
     return Resource.from_contents(yaml.load(REFERRED_TO[uri].read_bytes(), LOADER))
 
 
-def perturbations(file: str | Path, name: str = "authors") -> list[dict]:
-    """The effects of a configuration of a file, such as the paper's perturbations in config.yaml.
-    Raises InputError where the file has none of that name."""
-    entry = yaml_file.read(file).get("configurations", {}).get(name)
+def perturbations(file: str | Path) -> list[dict]:
+    """The effects of the configuration `authors` of a file, the paper's perturbations in
+    config.yaml. Raises InputError where the file has none."""
+    configurations = yaml_file.read(file).get("configurations")
+    entry = configurations.get("authors") if isinstance(configurations, dict) else None
     if not isinstance(entry, dict) or not isinstance(entry.get("effects"), list):
-        place = f"configurations.{name}.effects"
+        place = "configurations.authors.effects"
         raise InputError(file, place, "nothing", "effects, as in config.yaml")
     return entry["effects"]
 

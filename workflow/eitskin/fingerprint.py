@@ -141,13 +141,15 @@ def _parsed(file: Path) -> Parsed:
 def recall(path: str | Path) -> None:
     """Take over what a process before this one has parsed, from the file that `keep` wrote; to
     parse all modules takes longer than the rest of a start. Nothing from a file of another Python
-    or of another version of this module, as both may give other digests, nor from no file."""
+    or of another version of this module, as both may give other digests, nor from no file or
+    another's."""
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        if content["by"] == _parser():
+            parsed = {key: (digest, tuple(names)) for key, digest, names in content["parsed"]}
+            RECALLED.update(parsed)
+    except (OSError, ValueError, KeyError, TypeError):
         return
-    if content["by"] == _parser():
-        RECALLED.update({key: (digest, tuple(names)) for key, digest, names in content["parsed"]})
 
 
 def keep(path: str | Path) -> None:

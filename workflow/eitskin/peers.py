@@ -107,7 +107,7 @@ def write_eidors(
         "elems": np.asarray(element) + 1.0,
         "gnd_node": 1.0,
         "electrode": [
-            {"nodes": float(node_number + 1), "z_contact": 1e-2} for node_number in electrodes
+            {"nodes": float(node_number + 1), "z_contact": Z_CONTACT} for node_number in electrodes
         ],
         "stimulation": stimulation,
     }
@@ -120,12 +120,15 @@ def write_eidors(
 
 def read_eidors(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
     """Nodes (P, 2) and triangles (E, 3) of the forward model in a .mat file of EIDORS up to v7, in
-    its unit of length. Raises InputError where there is none."""
+    its unit of length. Raises InputError where there is none, and for a model in space."""
     arrays = matlab_file.arrays(Path(path))
     for name, nodes in arrays.items():
         model = name.removesuffix("nodes")
         if name == f"{model}nodes" and f"{model}elems" in arrays:
-            return nodes.astype(float)[:, :2], arrays[f"{model}elems"].astype(int) - 1
+            elements = arrays[f"{model}elems"].astype(int) - 1
+            if elements.ndim != 2 or elements.shape[1] != 3:
+                raise InputError(path, f"{model}elems", f"shape {elements.shape}", "(E, 3)")
+            return nodes.astype(float)[:, :2], elements
     expected = "a forward model, with nodes and elems"
     raise InputError(path, "arrays", ", ".join(arrays) or "none", expected)
 

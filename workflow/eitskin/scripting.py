@@ -8,24 +8,24 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from eitskin import answer_folder
+from eitskin.atomic import held_folder
 from eitskin.data import check, reconstruct, recording
 from eitskin.data.recording import Recording, frames_table
-from eitskin.diagnose import files, parts
+from eitskin.diagnose import parts
 from eitskin.diagnose.compare.result import comparison
 from eitskin.diagnose.fitting.excerpt import LIMIT_GIB
-from eitskin.diagnose.fitting.simulator import RecordingSimulator
-from eitskin.diagnose.report import page
-from eitskin.diagnose.verdict import corrected, words
+from eitskin.diagnose.verdict import words
 from eitskin.diagnose.verdict.record import Record, record
 from eitskin.errors import InputError
 from eitskin.physics import outline
 from eitskin.physics.skin import Skin
 from eitskin.simulators import Simulator
 
-SCHEMA = Path(__file__).parent / "diagnose" / "diagnosis.schema.yaml"
 ACROSS = 32  # pixels over the skin
 STEP = 1e-3  # relative, of a conductivity; of an effect's parameter, in its typical changes
 UNTOUCHED_STAGES = ("skin", "wiring", "instrument")  # of effects that untouched frames show
@@ -36,7 +36,7 @@ class Report:
     """An answer: of a diagnosis or of a comparison. A notebook shows its sentences.
 
     document: the content of diagnosis.json or comparison.json; sentences: its words; simulator: the
-    corrected one, None of a comparison.
+    corrected one, None of a comparison; recording, record, query: what `write` writes.
     """
 
     document: dict
@@ -44,6 +44,7 @@ class Report:
     simulator: Simulator | None = None
     recording: Recording | None = field(default=None, repr=False)
     record: Record | None = field(default=None, repr=False)
+    query: Recording | None = field(default=None, repr=False)
 
     @classmethod
     def read(cls, folder: str | Path) -> "Report":
@@ -54,20 +55,20 @@ class Report:
         except (OSError, ValueError) as error:
             expected = "the folder that eitskin diagnose wrote"
             raise InputError(path, "file", type(error).__name__, expected) from error
-        return cls(document, all_sentences(document), Simulator.read(folder))
+        return cls(document, words.all_sentences(document), Simulator.read(folder))
 
     def write(self, folder: str | Path) -> Path:
         """Write what `eitskin diagnose` writes into `folder`; the path of report.html. Raises
         InputError for the answer of a comparison, or one that was read from files."""
         if self.record is None or self.recording is None:
             raise InputError("report", "record", "nothing", "the answer of eitskin.diagnose")
-        folder = Path(folder)
-        source, report = folder / "recording.parquet", folder / "report.html"
-        folder.mkdir(parents=True, exist_ok=True)
-        recording.write(self.recording, source)
-        files.write(self.record, folder, SCHEMA)
-        page.write(folder, source, SCHEMA, report)
-        return report
+        with held_folder(folder) as held, TemporaryDirectory() as temporary:
+            answer_folder.begin(held, self.recording)
+            query = None
+            if self.query is not None:
+                query = Path(temporary) / "query.parquet"
+                recording.write(self.query, query)
+            return answer_folder.finish(held, self.record, query)
 
     def _repr_html_(self) -> str:
         """The sentences as HTML, the first one strong."""
@@ -76,25 +77,15 @@ class Report:
         return f"<div><p><strong>{first}</strong></p><ul>{items}</ul></div>"
 
 
-def all_sentences(document: dict) -> list[str]:
-    """The sentences that `eitskin diagnose` prints of a diagnosis.json."""
-    told = [
-        "\n".join([f"{head}:", *sentences] if head else sentences)
-        for head, sentences in words.part_sentences(document) or [("", words.sentences(document))]
-    ]
-    bounds = words.bound_sentences(document["calibration"])
-    return [*"\n".join(told).split("\n"), *words.unlabelled_sentences(document), *bounds]
-
-
 def simulate(recorded: Recording, simulator: Simulator | None = None) -> np.ndarray:
     """Noise-free readings (N, M) of the frames of a recording or query, by its channels; NaN in
     frames whose touch is stated too poorly to be simulated.
 
-    simulator: by default as believed. Raises InputError where the physics has no solution.
+    simulator: by default as believed. Raises InputError where the physics has no solution, and
+    without a simulator for a query of unknown scale or at the robot's places.
     """
-    model = RecordingSimulator(recorded)
     simulator = simulator or Simulator.believed(recorded)
-    model = model.with_skin(simulator.skin, simulator.factor)
+    model = simulator.model(recorded)
     voltage = model.voltage(np.zeros(len(model.calibrations)), simulator.settings(model.channels))
     return np.where(model.simulable[:, None], voltage, np.nan)
 
@@ -152,7 +143,7 @@ def jacobian(
     simulator = simulator or Simulator.believed(recorded)
     discs = pixels(simulator.skin) if discs is None else np.asarray(discs, float)
     x_mm, y_mm, radius_mm = discs.T
-    shown = [
+    effects = [
         item
         for item, setting in zip(
             simulator.effects, simulator.settings(recorded.channels), strict=True
@@ -161,21 +152,25 @@ def jacobian(
     ]
     instants = np.zeros(len(discs))
     frames = frames_table(instants, instants == 0, x_mm, y_mm, instants + STEP, 2.0 * radius_mm)
-    untouched = frames_table(np.zeros(1), np.zeros(1, bool))
-    metadata = recorded.metadata | {"values": "absolute", "voltage": "signed"}
-    raised, lowered = (
+    metadata = recorded.metadata | {
+        "values": "absolute",
+        "voltage": "signed",
+        "position_frame": "skin",
+    }
+    high, low = (
         simulate(
             Recording(frames, None, None, None, metadata),
             replace(
-                simulator, skin=replace(simulator.skin, contrast_per_N=contrast), effects=shown
+                simulator, skin=replace(simulator.skin, contrast_per_N=contrast), effects=effects
             ),
         )
         for contrast in (1.0, -1.0)
     )
-    matrix = (raised - lowered).T / (2.0 * STEP)
+    matrix = (high - low).T / (2.0 * STEP)
     if recorded.metadata["voltage"] == "magnitude":
-        quiet = replace(simulator, effects=shown)
-        reading = simulate(Recording(untouched, None, None, None, metadata), quiet)[0]
+        untouched = frames_table(np.zeros(1), np.zeros(1, bool))
+        untouched_simulator = replace(simulator, effects=effects)
+        reading = simulate(Recording(untouched, None, None, None, metadata), untouched_simulator)[0]
         matrix = matrix * np.sign(reading)[:, None]
     return Jacobian(matrix, discs)
 
@@ -187,7 +182,7 @@ def effect_jacobian(recorded: Recording, simulator: Simulator) -> dict[str, np.n
     The keys are NAME.PARAMETER, of a parameter with a value a site NAME.PARAMETER[SITE]. Raises
     InputError where the physics has no solution.
     """
-    model = RecordingSimulator(recorded).with_skin(simulator.skin, simulator.factor)
+    model = simulator.model(recorded)
     stated_settings = simulator.settings(model.channels)
     coordinates = np.zeros(len(model.calibrations))
     derivatives: dict[str, np.ndarray] = {}
@@ -205,15 +200,14 @@ def effect_jacobian(recorded: Recording, simulator: Simulator) -> dict[str, np.n
                         end[position] + sign * STEP * scale, parameter.low, parameter.high
                     )
                     values = setting.values | {key: end if end.ndim else float(end)}
-                    moved = [*stated_settings]
-                    moved[index] = replace(setting, values=values)
-                    ends.append((float(end[position]), model.voltage(coordinates, moved)))
-                (low, lowered), (high, raised) = ends
+                    settings = [*stated_settings]
+                    settings[index] = replace(setting, values=values)
+                    ends.append((float(end[position]), model.voltage(coordinates, settings)))
+                (low, low_voltage), (high, high_voltage) = ends
                 assert setting.sites is not None or not position
                 site = f"[{setting.sites[position]}]" if position else ""  # type: ignore[index]
-                derivatives[f"{setting.effect.name}.{key}{site}"] = (raised - lowered) / (
-                    high - low
-                )
+                slope = (high_voltage - low_voltage) / (high - low)
+                derivatives[f"{setting.effect.name}.{key}{site}"] = slope
     return derivatives
 
 
@@ -239,13 +233,14 @@ def diagnose(
             raise InputError(name, place, finding.sentence[:-1], "a usable recording")
     diagnosis = parts.diagnose(recorded, progress=progress, memory_GiB=memory_GiB)
     answered = record(diagnosis, name, query)
-    fit = diagnosis.explanation.fit
-    model = fit.problem.model
-    calibration = fit.theta[: len(model.calibrations)]
-    factor = model.calibration_values(calibration).get("factor", 1.0)
-    simulator = Simulator(model.skin(calibration), corrected.effect_items(fit), factor)
+    simulator = Simulator.from_fit(diagnosis.explanation.fit)
     return Report(
-        answered.document, all_sentences(answered.document), simulator, recorded, answered
+        answered.document,
+        words.all_sentences(answered.document),
+        simulator,
+        recorded,
+        answered,
+        query,
     )
 
 

@@ -1,8 +1,8 @@
 """A skin with the effects on it and its instrument: as believed, as a diagnosis has it."""
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,15 +12,18 @@ from eitskin import yaml_file
 from eitskin.data import stated
 from eitskin.data.recording import Recording, presses
 from eitskin.diagnose.fitting.excerpt import excerpt
-from eitskin.diagnose.fitting.fit import fit
+from eitskin.diagnose.fitting.fit import Fit, fit
 from eitskin.diagnose.fitting.readings import problem_of
-from eitskin.diagnose.fitting.simulator import RecordingSimulator
+from eitskin.diagnose.fitting.simulator import Calibration, RecordingSimulator
 from eitskin.diagnose.noise.estimate import estimate_noise
+from eitskin.diagnose.verdict import corrected
 from eitskin.effects.effect import Setting
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
 from eitskin.physics.skin import Skin
 from eitskin.simulate.readings import simulate
+
+ALIGNMENT = ("robot_scale", "robot_rotation_deg", "robot_x_mm", "robot_y_mm")
 
 
 @dataclass(frozen=True)
@@ -29,20 +32,23 @@ class Simulator:
 
     effects: entries of a configuration, {name, [electrodes, drives, measures or channels],
     parameters}; factor: the reading for a simulated volt, where the recording's unit is arbitrary;
-    drawn: whether random parameters are drawn for every session.
+    drawn: whether random parameters are drawn for every session; alignment: where the recording's
+    places are the robot's, the values of ALIGNMENT that map them to the skin's.
     """
 
     skin: Skin
     effects: Sequence[dict] = ()
     factor: float = 1.0
     drawn: bool = False
+    alignment: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def believed(cls, recorded: Recording) -> "Simulator":
         """The skin as its owner states it, with usual values for what is not stated. Raises
-        InputError where the scale of the readings is unknown and none can be estimated."""
+        InputError where the scale of the readings, or of the robot's frame, is unknown and none
+        can be estimated."""
         model = RecordingSimulator(recorded)
-        return cls(model.nominal_skin, (), model.factor)
+        return cls._of(model, np.zeros(len(model.calibrations)), ())
 
     @classmethod
     def calibrated(cls, recorded: Recording) -> "Simulator":
@@ -52,8 +58,24 @@ class Simulator:
         problem, _ = problem_of(part, estimate_noise(part))
         model = problem.model
         fitted = fit(problem, [], np.zeros(len(model.calibrations)), polish=True)
-        factor = model.calibration_values(fitted.theta).get("factor", 1.0)
-        return cls(_at_one_ampere(model.skin(fitted.theta), recorded), (), factor)
+        return cls.from_fit(fitted)
+
+    @classmethod
+    def from_fit(cls, fitted: Fit) -> "Simulator":
+        """The skin and the effects of a fit, as `corrected.configuration` writes them."""
+        model = fitted.problem.model
+        calibration = fitted.theta[: len(model.calibrations)]
+        return cls._of(model, calibration, corrected.effect_items(fitted))
+
+    @classmethod
+    def _of(
+        cls, model: RecordingSimulator, coordinates: np.ndarray, effects: Sequence[dict]
+    ) -> "Simulator":
+        values, skin = model.calibration_values(coordinates), model.skin(coordinates)
+        if model.unit == "ohm":
+            skin = replace(skin, current_A=corrected.ONE_AMPERE)
+        alignment = {key: values[key] for key in ALIGNMENT if key in values}
+        return cls(skin, tuple(effects), values.get("factor", 1.0), alignment=alignment)
 
     @classmethod
     def read(cls, folder: str | Path) -> "Simulator":
@@ -66,11 +88,24 @@ class Simulator:
             raise InputError(path, "key twin", "nothing", "the skin and effects of an effects.yaml")
         skin = Skin.from_metadata(dict.fromkeys(stated.SKIN) | twin["skin"], str(path))
         document = path.with_name("diagnosis.json")
-        factor = 1.0
+        values = {}
         if document.is_file():
             calibration = json.loads(document.read_text("utf-8"))["calibration"]
-            factor = calibration.get("factor", {"value": 1.0})["value"]
-        return cls(skin, twin["effects"], factor)
+            values = {key: item["value"] for key, item in calibration.items()}
+        alignment = {key: values[key] for key in ALIGNMENT if key in values}
+        return cls(skin, twin["effects"], values.get("factor", 1.0), alignment=alignment)
+
+    def model(self, recorded: Recording) -> RecordingSimulator:
+        """The simulator of a recording's frames, with nothing to calibrate. Raises InputError for
+        touches at the robot's places where no alignment is known."""
+        known = {"factor": self.factor}
+        if recorded.metadata["position_frame"] == "robot":
+            if recorded.frames["touch"].any() and not self.alignment:
+                expected = "skin, or a simulator whose alignment a recording or a diagnosis gave"
+                raise InputError("recording", "position_frame", "robot", expected)
+            known |= self.alignment
+        calibrations = [Calibration(key, "", value, 0.0) for key, value in known.items()]
+        return RecordingSimulator(recorded, known=(self.skin, calibrations))
 
     def settings(self, channels: np.ndarray, draw: tuple[int, ...] = (0, 0)) -> list[Setting]:
         """The effects at definite values, for channels (M, 4), random ones by the seed sequence
@@ -99,11 +134,6 @@ class Simulator:
                 force_max_N=largest_N(recorded),
             )
         return self.factor * readings
-
-
-def _at_one_ampere(skin: Skin, recorded: Recording) -> Skin:
-    """The skin, of a recording in ohm with a current of 1 A: its volts are those ohms."""
-    return replace(skin, current_A=1.0) if recorded.metadata["unit"] == "ohm" else skin
 
 
 def largest_N(recorded: Recording) -> float:

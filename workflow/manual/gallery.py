@@ -13,7 +13,6 @@ import tempfile
 from pathlib import Path
 
 from eitskin.atomic import atomic_path
-from eitskin.cli import SCHEMA
 from eitskin.data import recording
 from eitskin.data.recording import Recording
 from eitskin.diagnose import diagnosis, files
@@ -51,25 +50,25 @@ NAMES = (
 COLUMNS = ("name", "hidden", "found")
 
 
-def drawn(name: str) -> cases.Case:
+def concealed(name: str) -> cases.Case:
     """The recording with one effect, or with none."""
     return cases.draw("gallery", SEED, frames=FRAMES, names=[] if name == NOTHING else [name])
 
 
-def found(case: cases.Case, picture: Path) -> str:
+def first_sentence(case: cases.Case, picture: Path) -> str:
     """The first sentence of the report on a recording; its picture of the error is written."""
     recorded = Recording(case.states, case.voltage, None, None, case.metadata)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "recording.parquet"
         recording.write(recorded, path)
         diagnosed = diagnosis.diagnose(recording.read(path))
-        files.write(record(diagnosed, "gallery"), folder, SCHEMA)
-        shown = evidence.read(folder, path, SCHEMA)
+        files.write(record(diagnosed, "gallery"), folder, files.SCHEMA)
+        diagnosed_evidence = evidence.read(folder, path, files.SCHEMA)
     with style():
-        image = png(figures.hidden_error(shown))
+        image = png(figures.hidden_error(diagnosed_evidence))
     with atomic_path(picture) as temporary:
         temporary.write_bytes(image)
-    return opening(shown.diagnosis, shown.channels)
+    return opening(diagnosed_evidence.diagnosis, diagnosed_evidence.channels)
 
 
 def write(folder: Path) -> None:
@@ -83,10 +82,10 @@ def write(folder: Path) -> None:
     for name in NAMES:
         if name in known:
             continue
-        case = drawn(name)
+        case = concealed(name)
         words = "; ".join(map(truth_words, case.effects)) or NOTHING
-        told = found(case, folder / f"{name}.png")
-        rows.append({"name": name, "hidden": words, "found": told})
+        sentence = first_sentence(case, folder / f"{name}.png")
+        rows.append({"name": name, "hidden": words, "found": sentence})
         rows.sort(key=lambda row: NAMES.index(row["name"]))
         with (
             atomic_path(path) as temporary,
@@ -95,7 +94,7 @@ def write(folder: Path) -> None:
             writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
             writer.writeheader()
             writer.writerows(rows)
-        print(f"{name}: {told}", flush=True)
+        print(f"{name}: {sentence}", flush=True)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 from eitskin import figure_files
-from eitskin.cli import SCHEMA
 from eitskin.data import recording
 from eitskin.diagnose import diagnosis, files
 from eitskin.diagnose.fitting.query import predict
@@ -30,8 +29,8 @@ def write(folder: Path, out: Path) -> None:
     query = read_query(folder / "query.parquet", recorded)
     diagnosed = diagnosis.diagnose(recorded, progress=True)
     with tempfile.TemporaryDirectory() as verdict:
-        files.write(record(diagnosed, "sample"), verdict, SCHEMA)
-        shown = evidence.read(Path(verdict), path, SCHEMA)
+        files.write(record(diagnosed, "sample"), verdict, files.SCHEMA)
+        shown = evidence.read(Path(verdict), path, files.SCHEMA)
     predictions = {
         "before": predict(diagnosed.baseline.fit, diagnosed.recording, query)[0],
         "after": predict(diagnosed.explanation.fit, diagnosed.recording, query)[0],

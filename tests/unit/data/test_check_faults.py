@@ -153,6 +153,13 @@ def test_readings_of_few_digits_are_neither_stuck_nor_clipped(make_recording, di
     assert "digits are too few" in finding(recording, "noise").sentence
 
 
+def test_the_rounding_of_a_computation_is_no_step_between_readings(make_recording):
+    recording = make_recording(presses=0)
+    recording.voltage[:] = 1.0
+    recording.voltage[::9] = np.nextafter(1.0, 2.0)
+    assert "repeats itself" in finding(recording, "noise").sentence
+
+
 def test_a_channel_that_never_changes_among_others_that_do_is_stuck():
     recording = small_recording()
     recording.voltage[:, 7] = recording.voltage[0, 7]

@@ -1,11 +1,14 @@
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from eitskin import cli
 from eitskin.data import recording
+from eitskin.diagnose.report import answer
 from eitskin.errors import InputError
 from eitskin.estimators import training
 from eitskin.estimators.sets import source_set
@@ -104,6 +107,34 @@ def test_a_set_as_recorded_has_its_kind_of_voltage_and_lacks_what_it_lost(folder
     assert source_set(*job).dataset.metadata["voltage"] == "signed"
 
 
+@pytest.mark.parametrize(
+    ("stated", "place"),
+    [
+        ({"values": "difference"}, "values"),
+        ({"position_frame": "robot"}, "position_frame"),
+        ({}, "column touch"),
+    ],
+)
+def test_what_no_estimator_is_trained_on_is_refused_and_not_recommended(folder, stated, place):
+    recorded = recording.read(folder / "recording.parquet")
+    frames = recorded.frames if stated else recorded.frames.assign(touch=False)
+    other = replace(recorded, frames=frames, metadata=recorded.metadata | stated)
+    with pytest.raises(InputError, match=place):
+        source_set(Simulator.read(folder), other, 100, 1, PressPrior(FORCES, 8.0), "set")
+    consistent = {"effects": [], "verdict": "consistent", "fit": {"last": None, "held_out": {}}}
+    text, other_text = (
+        answer._use(SimpleNamespace(diagnosis=consistent, recording=item))
+        for item in (recorded, other)
+    )
+    assert "eitskin train" in text and "eitskin train" not in other_text
+
+
+@pytest.mark.parametrize("count", ["samples", "epochs", "seeds"])
+def test_a_count_below_one_is_refused(folder, count, capsys):
+    assert cli.main(["train", str(folder), f"--{count}", "0"]) == 1
+    assert f"{count}: found 0, expected 1 or more" in capsys.readouterr().err
+
+
 def test_a_folder_without_evidence_and_a_target_of_another_board_are_refused(folder, tmp_path):
     recorded = recording.read(folder / "recording.parquet")
     recording.write(recorded, tmp_path / "recording.parquet")
@@ -119,6 +150,25 @@ def test_a_folder_without_evidence_and_a_target_of_another_board_are_refused(fol
     )
     with pytest.raises(InputError, match="target: channels"):
         training._tests(recorded, folder, turned, dataset)
+    robot = replace(recorded, metadata=recorded.metadata | {"position_frame": "robot"})
+    with pytest.raises(InputError, match="target: position_frame"):
+        training._tests(recorded, folder, robot, dataset)
+
+
+def test_of_a_target_only_what_is_usable_tests(folder):
+    recorded = recording.read(folder / "recording.parquet")
+    dataset = source_set(
+        Simulator.read(folder), recorded, 100, 1, PressPrior(FORCES, 8.0), "set"
+    ).dataset
+    frames = pd.concat([recorded.frames, recorded.frames.iloc[-5:]], ignore_index=True)
+    step_s = recorded.frames["time_s"].diff().median()
+    frames["time_s"], frames["frame"] = step_s * np.arange(len(frames)), np.arange(len(frames))
+    voltage = np.vstack([recorded.voltage, recorded.voltage[-5:]])
+    sizes = []
+    for target in (recorded, replace(recorded, frames=frames, voltage=voltage)):
+        (test,), labelled = training._tests(recorded, folder, target, dataset)
+        sizes.append(len(test.states) + len(labelled.states))
+    assert sizes[0] == sizes[1]
 
 
 def test_the_command_writes_and_answers(folder, tmp_path, capsys, monkeypatch):
@@ -137,7 +187,8 @@ def test_the_command_writes_and_answers(folder, tmp_path, capsys, monkeypatch):
 
 
 def test_perturbations_are_those_of_a_configuration(tmp_path, capsys):
-    (tmp_path / "other.yaml").write_text("configurations: {}")
     command = ["train", "nowhere", "--perturbations", str(tmp_path / "other.yaml")]
-    assert cli.main(command) == 1
-    assert "configurations.authors.effects: found nothing" in capsys.readouterr().err
+    for text in ("configurations: {}", "configurations:", "configurations: {authors: 3}"):
+        (tmp_path / "other.yaml").write_text(text)
+        assert cli.main(command) == 1
+        assert "configurations.authors.effects: found nothing" in capsys.readouterr().err

@@ -153,7 +153,9 @@ def test_what_another_process_has_parsed_is_known_by_its_bytes(house, monkeypatc
     assert len(json.loads(file.read_text())["parsed"]) == len(REACHED)
 
 
-@pytest.mark.parametrize("text", [None, "{", '{"by": "another Python", "parsed": [["a"]]}'])
+@pytest.mark.parametrize(
+    "text", [None, "{", "{}", "[1]", '{"by": "another Python", "parsed": [["a"]]}']
+)
 def test_what_another_process_has_parsed_is_no_more_than_a_help(house, text):
     if text is not None:
         (house / "parsed.json").write_text(text)

@@ -9,10 +9,12 @@ import pandas as pd
 import pytest
 
 import eitskin
+from benchmark import images
 from eitskin import peers
+from eitskin.diagnose.verdict.words import all_sentences
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry
-from eitskin.scripting import Report, all_sentences
+from eitskin.scripting import Report
 from eitskin.simulators import Simulator
 
 ROOT = Path(__file__).parents[3]
@@ -85,6 +87,40 @@ def test_the_jacobian_by_discs_is_the_central_difference_of_a_patch_of_the_skin(
         assert np.linalg.norm(column - expected) < 1e-3 * np.linalg.norm(expected)
 
 
+@pytest.mark.parametrize("way", ["arbitrary", "unknown current", "robot"])
+def test_a_jacobian_of_an_ordinary_recording_is_that_of_its_stated_twin(sample, way):
+    discs = np.array([[10.0, 0.0, 5.0]])
+    expected = eitskin.jacobian(sample, None, discs).matrix
+    stated = {
+        "arbitrary": {"unit": "arbitrary"},
+        "unknown current": {"skin": sample.metadata["skin"] | {"current_A": None}},
+        "robot": {"position_frame": "robot"},
+    }[way]
+    recorded = replace(sample, metadata=sample.metadata | stated)
+    believed = Simulator.believed(recorded)
+    matrix = eitskin.jacobian(recorded, believed, discs).matrix
+    scale = np.median(np.abs(sample.voltage)) / np.median(np.abs(eitskin.simulate(sample)))
+    assert matrix == pytest.approx(expected * (1.0 if way == "robot" else scale), rel=1e-6)
+    query = replace(recorded, voltage=None)
+    assert np.isfinite(eitskin.simulate(query, believed)).all()
+    with pytest.raises(InputError, match="this is a query"):
+        eitskin.simulate(query)
+
+
+def test_the_robot_s_places_are_aligned_or_refused(sample, shifted):
+    first = int(np.flatnonzero(sample.frames["touch"])[0])
+    few = eitskin.read(SAMPLE / "recording.parquet", frames=(first - 1, first + FEW))
+    turned = 1j * (few.frames["x_mm"] + 1j * few.frames["y_mm"])
+    frames = few.frames.assign(x_mm=turned.to_numpy().real, y_mm=turned.to_numpy().imag)
+    robot = replace(few, frames=frames, metadata=few.metadata | {"position_frame": "robot"})
+    back = {"robot_scale": 1.0, "robot_rotation_deg": -90.0, "robot_x_mm": 0.0, "robot_y_mm": 0.0}
+    aligned = replace(shifted, alignment=back)
+    assert eitskin.simulate(robot, aligned) == pytest.approx(eitskin.simulate(few, shifted))
+    for simulated in (eitskin.simulate, eitskin.effect_jacobian):
+        with pytest.raises(InputError, match="position_frame"):
+            simulated(robot, shifted)
+
+
 def test_the_jacobian_of_all_pixels_is_that_of_a_conductivity(few, shifted):
     jacobian = eitskin.jacobian(few, shifted)
     ends = [
@@ -129,12 +165,17 @@ def test_an_image_of_a_simulated_rise_is_where_it_was(few):
     assert np.hypot(*(found - jacobian.discs[truth, :2])) < 0.1 * few.skin.radius_mm
 
 
-def test_a_magnitude_has_the_sign_of_its_reading_taken_out(few, shifted):
-    signed = eitskin.jacobian(few, shifted, np.array([[10.0, 0.0, 5.0]])).matrix
+def test_the_jacobian_of_magnitudes_is_the_central_difference_of_magnitudes(few, shifted):
+    x_mm, y_mm, radius_mm = disc = [10.0, 0.0, 5.0]
     magnitude = replace(few, metadata=few.metadata | {"voltage": "magnitude"})
-    matrix = eitskin.jacobian(magnitude, shifted, np.array([[10.0, 0.0, 5.0]])).matrix
-    reading = eitskin.simulate(few, shifted)[0]
-    assert matrix == pytest.approx(signed * np.sign(reading)[:, None])
+    matrix = eitskin.jacobian(magnitude, shifted, np.array([disc])).matrix
+    ends = []
+    for contrast in (0.99, 1.01):
+        values = {"x_mm": x_mm, "y_mm": y_mm, "radius_mm": radius_mm, "contrast": contrast}
+        patch = {"name": "conductivity-patch", "parameters": values}
+        ends.append(np.abs(eitskin.simulate(few, replace(shifted, effects=[SHIFTED, patch]))[0]))
+    expected = (ends[1] - ends[0]) / 0.02
+    assert np.linalg.norm(matrix[:, 0] - expected) < 1e-3 * np.linalg.norm(expected)
 
 
 def test_a_recording_that_is_not_usable_is_refused_with_its_reason(sample):
@@ -155,13 +196,32 @@ def test_a_comparison_is_a_report_that_a_notebook_shows(sample):
 
 @pytest.mark.long
 def test_a_report_is_written_and_read_again(sample, tmp_path):
-    report = eitskin.diagnose(sample)
+    query = eitskin.read(SAMPLE / "recording.parquet", frames=(0, FEW - 1))
+    report = eitskin.diagnose(sample, query=query)
     assert "Electrode 6" in report._repr_html_()
     assert report.write(tmp_path).is_file()
+    predicted = pd.read_parquet(tmp_path / "predicted.parquet")
+    assert np.stack(predicted["voltage_V"]) == pytest.approx(report.record.prediction[0])
     again = Report.read(tmp_path)
     assert again.sentences == report.sentences == all_sentences(report.document)
     ours, theirs = (eitskin.simulate(sample, item.simulator) for item in (report, again))
     assert np.linalg.norm(ours - theirs) < 1e-6 * np.linalg.norm(ours)
+
+
+def test_a_simulator_is_read_with_its_factor_and_the_robot_s_frame_of_a_diagnosis(few, tmp_path):
+    (tmp_path / "effects.yaml").write_text(
+        json.dumps({"twin": {"skin": few.skin.metadata(), "effects": []}})
+    )
+    values = {"factor": 3.0, "robot_scale": -1.1, "thickness_mm": 2.0}
+    calibration = {key: {"value": value} for key, value in values.items()}
+    (tmp_path / "diagnosis.json").write_text(json.dumps({"calibration": calibration}))
+    simulator = Simulator.read(tmp_path)
+    assert simulator.factor == 3.0 and simulator.alignment == {"robot_scale": -1.1}
+
+
+def test_the_simulator_of_ohms_has_one_ampere(few):
+    ohms = replace(few, metadata=few.metadata | {"unit": "ohm"})
+    assert Simulator.believed(ohms).skin.current_A == 1.0
 
 
 def test_a_folder_without_a_diagnosis_is_refused(tmp_path):
@@ -193,13 +253,20 @@ def test_a_model_for_eidors_is_read_again(tmp_path):
     peers.write_eidors(tmp_path / "m.mat", node, element, [1, 2, 3], channels, matrix)
     nodes, elements = peers.read_eidors(tmp_path / "m.mat")
     assert (nodes == node).all() and (elements == element).all()
+    space = np.array([[0, 1, 2, 3]])
+    peers.write_eidors(tmp_path / "space.mat", node, space, [1, 2, 3], channels)
+    with pytest.raises(InputError, match=r"elems: found shape \(1, 4\)"):
+        peers.read_eidors(tmp_path / "space.mat")
     (tmp_path / "other.mat").write_bytes(b"MATLAB")
     with pytest.raises(InputError, match="damaged or cut"):
         peers.read_eidors(tmp_path / "other.mat")
 
 
-def test_with_our_matrix_pyeit_has_the_sample_s_presses_nearer():
-    rows = pd.read_csv(SAMPLE / "images.csv")
+@pytest.mark.long
+def test_with_our_matrix_pyeit_has_the_sample_s_presses_nearer(sample, shifted):
+    pytest.importorskip("pyeit.eit.jac")
+    rows = images.table(sample, shifted)
+    assert len(rows) == len(pd.read_csv(SAMPLE / "images.csv"))
     assert rows["ours_mm"].mean() < rows["own_mm"].mean()
 
 

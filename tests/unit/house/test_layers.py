@@ -28,7 +28,7 @@ FLOORS = (  # from the ground up; what stands on one floor does not know each ot
     {"paper"},
     {"capture"},
     {"stream"},
-    {"answers", "peers", "simulators"},
+    {"answer_folder", "answers", "peers", "simulators"},
     {"estimators", "scripting"},
     {"cli"},
 )

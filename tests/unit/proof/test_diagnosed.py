@@ -8,9 +8,10 @@ from proof.diagnosed import row
 
 
 def test_names_candidates_and_misfits_over_the_readings():
+    common = {"scope": "common", "parameters": {}}
     found = [
-        {"name": "third-dimension", "alternatives": ["electrode-width"], "certain": False},
-        {"name": "offset", "alternatives": []},
+        common | {"name": "third-dimension", "alternatives": ["electrode-width"], "certain": False},
+        common | {"name": "offset", "alternatives": []},
     ]
     held = {"rms_before_V": 0.4, "rms_after_V": 0.02}
     said = {

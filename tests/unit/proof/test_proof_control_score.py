@@ -16,6 +16,7 @@ def effect(name, certain=True, alternatives=(), **parameters):
     estimates = {k: {"low": low, "high": high} for k, (low, high) in parameters.items()}
     sites = {key: [] for key in ("electrodes", "drives", "measures", "channels")}
     said = {"name": name, "certain": certain, "alternatives": list(alternatives)}
+    said["scope"] = "common"
     return {**said, **sites, "parameters": estimates}
 
 

@@ -110,8 +110,19 @@ def test_the_page_loads_nothing_from_elsewhere():
 
 def test_a_port_in_use_is_refused(view):
     port = view._server.server_port
-    with pytest.raises(InputError, match="expected a free port"):
-        PageView(View(TARGETS, stream=io.StringIO()), TARGETS, skin.TABLE, None, "x", port)
+    for number in (port, 70000, -1):
+        with pytest.raises(InputError, match="expected a free port"):
+            PageView(View(TARGETS, stream=io.StringIO()), TARGETS, skin.TABLE, None, "x", number)
+
+
+def test_a_browser_that_disconnects_is_no_error_and_another_error_is(view, capsys):
+    for error in (BrokenPipeError(), ConnectionResetError(), ValueError("other")):
+        try:
+            raise error
+        except type(error):
+            view._server.handle_error(None, ("127.0.0.1", 1))
+    printed = capsys.readouterr().err
+    assert "ValueError: other" in printed and "Pipe" not in printed and "Reset" not in printed
 
 
 @pytest.mark.xdist_group("streamed")
@@ -156,12 +167,17 @@ def test_a_browser_draws_the_touch_its_force_and_the_board_s_repeats(view, size)
         opened.keyboard.press("Tab")
         opened.keyboard.press("Enter")
         assert opened.get_attribute("#pause", "aria-pressed") == "true"
+        for k in range(30, 150):
+            view.frame(*frame(0.1 * k, CANNOT_TELL, notices=("a palm",) if k == 149 else ()))
+        waited(opened, "news", "a palm")
+        assert opened.inner_text("#verdict") == "touch"
+        assert opened.evaluate("() => lastFrames.length") <= 101
         opened.keyboard.press("Enter")
-        view.trouble(Trouble(3.1, "the board repeats itself: 3 frames alike to the last digit"))
+        view.trouble(Trouble(15.1, "the board repeats itself: 3 frames alike to the last digit"))
         opened.wait_for_function(
             "() => document.getElementById('board').textContent.includes('repeats')"
         )
-        view.frame(*frame(3.2, CANNOT_TELL, reason="a palm", lost_electrodes=(3,)))
+        view.frame(*frame(15.2, CANNOT_TELL, reason="a palm", lost_electrodes=(3,)))
         waited(opened, "lost", "3")
         assert opened.get_attribute("#touch", "visibility") == "hidden"
         assert opened.inner_text("#reason") == "a palm"

@@ -42,6 +42,19 @@ class Dataset:
         return self.table[columns].to_numpy(float)
 
 
+def no_training(recorded: Recording) -> tuple[str, str, str] | None:
+    """Why no estimator of touches is trained on a simulator of a recording, as place, what is there
+    and what is expected; None where one is."""
+    metadata = recorded.metadata
+    if metadata["values"] == "difference":
+        return "values", "difference", "absolute, with untouched frames"
+    if metadata["position_frame"] != "skin":
+        return "position_frame", metadata["position_frame"], "skin: an estimator's places"
+    if not recorded.frames["touch"].any():
+        return "column touch", "no touched frame", "touches, to be imitated"
+    return None
+
+
 def check_compatibility(recorded: Recording, trained_on: dict, file: str | Path) -> list[int]:
     """Check that a recording's channels, unit and kind of voltage are those of a data set.
 

@@ -11,6 +11,8 @@ from eitskin.data import parquet
 from eitskin.diagnose.verdict import validation
 from eitskin.diagnose.verdict.record import Record
 
+SCHEMA = Path(__file__).with_name("diagnosis.schema.yaml")
+
 
 def write(
     record: Record, folder: str | Path, schema: str | Path, query: str | Path | None = None
@@ -18,8 +20,7 @@ def write(
     """Write the record of a diagnosis into its folder, diagnosis.json last.
 
     schema: the file that says what diagnosis.json is; query: the file whose prediction the record
-    has. Raises InputError where the document is no
-    diagnosis by the schema.
+    has. Raises InputError where the document is no diagnosis by the schema.
     """
     folder = Path(folder)
     validation.validate(record.document, schema, folder / "diagnosis.json")

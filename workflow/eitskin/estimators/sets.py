@@ -41,10 +41,11 @@ def source_set(
     fifth session is the validation part.
 
     as_recorded: with magnitudes where the recording has these, and without the channels that it
-    lost; else signed, of all channels. Raises InputError for a recording of differences.
+    lost; else signed, of all channels. Raises InputError as `dataset.no_training` says.
     """
-    if recorded.metadata["values"] == "difference":
-        raise InputError("recording", "values", "difference", "absolute, with untouched frames")
+    refusal = dataset.no_training(recorded)
+    if refusal is not None:
+        raise InputError("recording", *refusal)
     states_rng, noise_rng = (np.random.default_rng([seed, k]) for k in (4, 5))
     touched = int(recorded.frames["touch"].sum())
     sessions = max(

@@ -45,13 +45,19 @@ PROBE_MM = 10.0  # where the probe is unknown: the paper's middle one
 @dataclass(frozen=True)
 class Plan:
     """How an estimator is trained: samples of a set, epochs, seeds of the weights, the first of
-    them `seed`, and of the networks without an electrode `spare_epochs`."""
+    them `seed`, and of the networks without an electrode `spare_epochs`. Raises InputError for a
+    count below 1."""
 
     samples: int = 20000
     epochs: int = 40
     seeds: int = 3
     seed: int = 1
     spare_epochs: int = 6
+
+    def __post_init__(self) -> None:
+        for key in ("samples", "epochs", "seeds", "spare_epochs"):
+            if getattr(self, key) < 1:
+                raise InputError("training", key, str(getattr(self, key)), "1 or more")
 
     @property
     def recipe(self) -> Recipe:
@@ -60,7 +66,7 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Test:
+class TestSet:
     """Changes (N, M) with states (N, T) of the `targets`, and what they are of."""
 
     name: str
@@ -100,7 +106,7 @@ def trained(
     target: another recording of the skin by the same channels, whose labels test the estimator; by
     default the frames that the diagnosis put aside. perturbations: effects of a configuration, such
     as the paper's. Raises InputError for another folder, a recording without touches at known
-    places, one of differences, and a target of another board.
+    places of the skin, one of differences, and a target of another board or frame.
     """
     plan = plan or Plan()
     folder = Path(folder)
@@ -117,7 +123,7 @@ def trained(
     tests, labelled = _tests(recorded, folder, target, splits[CORRECTED].dataset)
     fresh_job = (recorded, plan.samples // 4, plan.seed + FRESH_SEED, prior)
     fresh = source_set(corrected, *fresh_job, FRESH, True).dataset
-    tests.append(Test(FRESH, fresh.delta_V, fresh.states(), fresh.metadata["targets"]))
+    tests.append(TestSet(FRESH, fresh.delta_V, fresh.states(), fresh.metadata["targets"]))
     rows = [row for test in tests for name in models for row in _rows(test, name, models[name])]
     if labelled is not None:
         rows += _by_labels(tests[0], labelled, splits[CORRECTED], models[CORRECTED], plan)
@@ -142,7 +148,7 @@ def _of_seeds(split: Split, plan: Plan) -> Trained:
 
 def _tests(
     recorded: Recording, folder: Path, target: Recording | None, source: Dataset
-) -> tuple[list[Test], Test | None]:
+) -> tuple[list[TestSet], TestSet | None]:
     """What is tested on labels, and labels beside it, none of whose frames are tested."""
     if target is None:
         path = folder / "evidence" / "residuals.npz"
@@ -154,7 +160,10 @@ def _tests(
         name, tested = ASIDE, recorded
     else:
         dataset.check_compatibility(target, source.metadata, "target")
-        name, tested, aside_s = OTHER, target, np.zeros(0)
+        if target.metadata["position_frame"] != "skin":
+            actual = target.metadata["position_frame"]
+            raise InputError("target", "position_frame", actual, "skin, as trained on")
+        name, tested, aside_s = OTHER, usable(target)[0], np.zeros(0)
     labelled = dataset.from_recording(tested, name)
     common = [key for key in source.metadata["targets"] if key in labelled.metadata["targets"]]
     columns = [labelled.metadata["targets"].index(key) for key in common]
@@ -171,14 +180,15 @@ def _tests(
         place = labelled.table["place"].to_numpy()
         is_aside = np.isin(place, np.unique(place)[::2])
     parts = [
-        Test(name, labelled.delta_V[rows], states[rows], common) for rows in (is_aside, ~is_aside)
+        TestSet(name, labelled.delta_V[rows], states[rows], common)
+        for rows in (is_aside, ~is_aside)
     ]
     return [part for part in parts[:1] if len(part.states)], (
         parts[1] if is_aside.any() and not is_aside.all() else None
     )
 
 
-def _rows(test: Test, name: str, model: Trained) -> Iterator[tuple]:
+def _rows(test: TestSet, name: str, model: Trained) -> Iterator[tuple]:
     """The rows of a model on a test, a run a seed."""
     columns = _columns(model, test.targets)
     states = predict_seeds(model, test.delta_V)[..., columns]
@@ -189,7 +199,7 @@ def _columns(model: Trained, targets: list[str]) -> list[int]:
     return [model.header["dataset"]["targets"].index(key) for key in targets]
 
 
-def _summaries(test: Test, name: str, labels: int, states: np.ndarray) -> Iterator[tuple]:
+def _summaries(test: TestSet, name: str, labels: int, states: np.ndarray) -> Iterator[tuple]:
     """A row a target of states (R, N, T) of R runs."""
     for column, key in enumerate(test.targets):
         errors = np.array([mae(test.states[:, column], run[:, column]) for run in states])
@@ -201,10 +211,10 @@ def _summaries(test: Test, name: str, labels: int, states: np.ndarray) -> Iterat
 
 
 def _by_labels(
-    test: Test, labelled: Test, source: Split, model: Trained, plan: Plan
+    test: TestSet, labelled: TestSet, source: Split, model: Trained, plan: Plan
 ) -> Iterator[tuple]:
     """Rows with few labels: affine and fine-tuned after training on the corrected simulator, and
-    the nearest of the labels, without any simulator."""
+    the mean of the nearest labels (`transfer.NEIGHBOURS`), without any simulator."""
     columns, seed = _columns(model, test.targets), model.seeds()[0]
     scale = model.tensors["state_scale"].numpy()[columns]
     zero_shot = [predict_seeds(model, part.delta_V)[0][:, columns] for part in (test, labelled)]
@@ -217,8 +227,8 @@ def _by_labels(
             rows = rng.permutation(len(labelled.states))[:count]
             truth, change = labelled.states[rows], labelled.delta_V[rows].astype(float)
             runs["affine"].append(transfer.affine(zero_shot[0], zero_shot[1][rows], truth, scale))
-            tuned = transfer.fine_tuned(model, seed, change, truth, columns)
-            runs["fine-tuned"].append(predict_seeds(tuned, test.delta_V)[0][:, columns])
+            fine_tuned = transfer.fine_tuned(model, seed, change, truth, columns)
+            runs["fine-tuned"].append(predict_seeds(fine_tuned, test.delta_V)[0][:, columns])
             stacked = np.concatenate([change, test.delta_V])
             nearest = transfer.nearest_states(
                 stacked, np.arange(len(stacked)) >= 0, np.arange(count), truth
@@ -240,10 +250,10 @@ def sentences(card: pd.DataFrame) -> list[str]:
             bounds = f" ({ends})" if row["runs"] > 1 else ""
             texts.append(f"{row['target']} {row['mae']:.2f}{bounds} {unit}")
         runs = group["runs"].iloc[0]
-        what = f"{labels} labels, {name}" if labels else str(name)
+        model = f"{labels} labels, {name}" if labels else str(name)
         spread = counted(runs, "draw" if labels else "seed")
         if runs == 1:
             spread = "one seed: no interval"
         frames = group["frames"].iloc[0]
-        lines.append(f"{tested}, {frames} frames: {what}: {', '.join(texts)}; {spread}")
+        lines.append(f"{tested}, {frames} frames: {model}: {', '.join(texts)}; {spread}")
     return lines

@@ -4,6 +4,7 @@ server-sent events; it loads nothing from elsewhere.
 
 import json
 import queue
+import sys
 import threading
 import time
 from collections import deque
@@ -31,7 +32,7 @@ class PageView:
     """A view that passes on to another one, and to the browsers that look at `address`.
 
     skin: `Skin.metadata` of the model, for its radius and angles, None where unknown. Raises
-    InputError where the port is in use.
+    InputError where the port is in use or is none.
     """
 
     def __init__(
@@ -53,8 +54,8 @@ class PageView:
         self._lock, self.ended = threading.Lock(), threading.Event()
         try:
             self._server = _Server(port, self)
-        except OSError as error:
-            actual = error.strerror or str(error)
+        except (OSError, OverflowError) as error:
+            actual = getattr(error, "strerror", None) or str(error)
             raise InputError("--view", f"{HOST}:{port}", actual, "a free port") from error
         self.address = f"http://{HOST}:{self._server.server_port}/"
         threading.Thread(target=self._server.serve_forever, daemon=True).start()
@@ -120,6 +121,11 @@ class _Server(ThreadingHTTPServer):
         self.view = view
         super().__init__((HOST, port), _Handler)
 
+    def handle_error(self, request: object, client_address: object) -> None:
+        """Say nothing of a browser that disconnected; of other errors what socketserver says."""
+        if not isinstance(sys.exception(), ConnectionError):
+            super().handle_error(request, client_address)  # type: ignore[arg-type]
+
 
 class _Handler(BaseHTTPRequestHandler):
     server: _Server
@@ -161,8 +167,6 @@ class _Handler(BaseHTTPRequestHandler):
                 self.wfile.write(event.encode())
                 if event == END:
                     return
-        except (BrokenPipeError, ConnectionResetError):
-            pass
         finally:
             view.leave(events)
 

@@ -23,7 +23,9 @@ from eitskin.effects import EFFECTS, catalogue_names
 from eitskin.effects.effect import SITES
 from eitskin.physics.protocol import channel_table
 from eitskin.quantities import MINUS
+from small_skin import small_recording
 
+RECORDED = small_recording(places=1)
 BLOCKS = Path(__file__).parents[4] / "docs" / "calibration"
 PRIVATE = re.compile(r"\bnats?\b|χ|\bp\b|\bgaps?\b|\bphases?\b|\bharmonic|\belpd\b|\bdof\b")
 NUMBER = re.compile(rf"(?<![\w.]){MINUS}?\d+(?:\.\d+)?(?:·10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?")
@@ -137,6 +139,7 @@ def first_screen(document: dict) -> str:
     """The text of a report above what folds; headings and paragraphs a line each."""
     shown = SimpleNamespace(
         diagnosis=document,
+        recording=RECORDED,
         channels=channel_table(16),
         reading_unit="V",
         experiment=experiment_of(document),

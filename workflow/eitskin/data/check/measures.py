@@ -21,6 +21,7 @@ UNKNOWNS = 3  # x, y and F of a touch
 MAX_CHANCE = 1e-6  # that a channel which is read gives one value all along
 MAX_NOISE = 1.5  # of a drift over that which noise makes: less, and nothing else is seen
 OFF_GRID = 0.01  # of a step, at most, of readings that are rounded to it
+MIN_STEP = 1e-6  # of the largest reading: finer steps are the rounding of a computation
 MAX_GAP = 10  # steps between the two nearest readings, of those of few digits
 TIED_CHANNELS = 0.9  # quantile of the channels' shares of ties
 MAX_TIES = 0.5  # of successive readings: of more, the digits hide what a ceiling would
@@ -300,13 +301,14 @@ def noise_bound(recording: Recording) -> float | None:
 
 
 def resolution(recording: Recording) -> float | None:
-    """The step of which all readings are multiples, as rounding makes them; None without one."""
+    """The step of which all readings are multiples, as rounding makes them; None without one, and
+    where it is below MIN_STEP of the largest reading."""
     sizes = np.unique(np.abs(recording.readings[np.isfinite(recording.readings)]))
     if len(sizes) < 2:
         return None
     for step in np.diff(sizes).min() / np.arange(1, MAX_GAP + 1):
         off_grid = np.abs(sizes / step - np.round(sizes / step))
-        if off_grid.max() < OFF_GRID:
+        if off_grid.max() < OFF_GRID and step >= MIN_STEP * sizes[-1]:
             return float(step)
     return None
 

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from eitskin.data import alignment
-from eitskin.data.recording import Recording, presses
+from eitskin.data.recording import Recording, presses, voltages
 from eitskin.diagnose.fitting.candidates import Candidate
 from eitskin.effects.effect import START, Moment, Setting
 from eitskin.errors import InputError
@@ -82,7 +82,8 @@ class RecordingSimulator:
     """Simulates the readings (N, M) of a recording's frames.
 
     base: of a query, the simulator that was fitted, whose skin, calibrations, form, unit and
-    largest force it has; solved_skins: a cache to share. nominal_skin: the skin as stated, with
+    largest force it has; solved_skins: a cache to share; known: a skin of which all is known, and
+    calibrations that stay at their starts. nominal_skin: the skin as stated, with
     starts for what is not; calibrations: what is fitted of it, and at last the members of the
     families, each at all its sites; member_derivatives (K, N, M): of the readings by the members'
     coordinates about a fit, which fits near it take as they are; states: those of the frames;
@@ -108,6 +109,7 @@ class RecordingSimulator:
         recording: Recording,
         base: "RecordingSimulator | None" = None,
         solved_skins: SolvedSkins | None = None,
+        known: tuple[Skin, list[Calibration]] | None = None,
     ):
         metadata = recording.metadata
         self.channels = recording.channels
@@ -137,15 +139,17 @@ class RecordingSimulator:
         self.force_max_N = float(np.nanmax(recording.frames["force_N"].fillna(0.0).to_numpy()))
         self.frame_s = metadata["frame_s"]
         self.timed = metadata["clock"] == "measured"
-        self.nominal_skin, self.calibrations = beliefs(recording)
-        self._start_factor(recording)
+        self.nominal_skin, self.calibrations = known or beliefs(recording)
+        if known is None:
+            self._start_factor(recording)
 
     def _start_factor(self, recording: Recording) -> None:
         """Where the scale of the readings is not stated, start from that of the median reading; of
-        differences, in touched frames. Raises InputError where the simulation has them at 0."""
+        differences, in touched frames. Raises InputError where the simulation has them at 0, and
+        for a query, which has no readings."""
         for i, item in enumerate(self.calibrations):
             if item.name in ("factor", "current_A"):
-                rows = np.isfinite(recording.readings).any(axis=1)
+                rows = np.isfinite(voltages(recording, "recording")).any(axis=1)
                 if self.difference:
                     rows &= self.touched & self.simulable
                 voltage = self.voltage(np.zeros(len(self.calibrations)), [])
@@ -164,15 +168,6 @@ class RecordingSimulator:
     def factor(self) -> float:
         """The start of the factor from simulated volts to readings of arbitrary unit, else 1."""
         return next((item.start for item in self.calibrations if item.name == "factor"), 1.0)
-
-    def with_skin(self, skin: Skin, factor: float = 1.0) -> "RecordingSimulator":
-        """The simulator of a skin of which all is known, with nothing to calibrate; factor: the
-        reading for a simulated volt."""
-        simulator = copy(self)
-        simulator.nominal_skin, simulator.families = skin, ()
-        simulator.calibrations = [Calibration("factor", "1", factor, FACTOR_SD)]
-        simulator._sensed = OrderedDict()
-        return simulator
 
     def with_displacements(self, steps: dict[str, np.ndarray]) -> "RecordingSimulator":
         """The simulator with touches displaced by steps (N,), by column of the states; no force

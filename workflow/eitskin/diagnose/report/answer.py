@@ -6,6 +6,7 @@ from html import escape
 import numpy as np
 
 from eitskin.data import check
+from eitskin.data.dataset import no_training
 from eitskin.diagnose.noise.noise_model import NORMAL_90
 from eitskin.diagnose.report.evidence import Evidence
 from eitskin.diagnose.report.markup import code, figure, numbers_unbroken
@@ -110,7 +111,7 @@ def _use(evidence: Evidence) -> str:
     """How to use the corrected simulator."""
     sentence, is_worth_training = opening.use_sentence(evidence.diagnosis)
     text = sentence.replace("effects.yaml", "<code>effects.yaml</code>")
-    if is_worth_training:
+    if is_worth_training and no_training(evidence.recording) is None:
         text += (
             " <code>eitskin train FOLDER</code>, the folder of this page, makes an estimator of"
             " touches from it."

@@ -134,6 +134,18 @@ def sentences(diagnosis: dict) -> list[str]:
     return lines
 
 
+def all_sentences(diagnosis: dict) -> list[str]:
+    """The sentences that `eitskin diagnose` prints of a diagnosis.json, or of its parts."""
+    lines = []
+    for head, paragraph in part_sentences(diagnosis) or [("", sentences(diagnosis))]:
+        lines += [f"{head}:", *paragraph] if head else paragraph
+    return [
+        *lines,
+        *unlabelled_sentences(diagnosis),
+        *bound_sentences(diagnosis["calibration"]),
+    ]
+
+
 def unlabelled_sentences(diagnosis: dict) -> list[str]:
     """A sentence for each stretch of frames of diagnosis.json with a touch that no label tells,
     beside a labelled one or without one."""
