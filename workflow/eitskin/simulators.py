@@ -10,7 +10,7 @@ import pandas as pd
 
 from eitskin import yaml_file
 from eitskin.data import stated
-from eitskin.data.recording import Recording, presses
+from eitskin.data.recording import Recording, largest_force_N, presses
 from eitskin.diagnose.fitting.excerpt import excerpt
 from eitskin.diagnose.fitting.fit import Fit, fit
 from eitskin.diagnose.fitting.readings import problem_of
@@ -131,11 +131,6 @@ class Simulator:
                 "train",
                 frame_s=metadata["frame_s"],
                 sink_grounded=metadata["source_reference"] == "sink-grounded",
-                force_max_N=largest_N(recorded),
+                force_max_N=largest_force_N(recorded),
             )
         return self.factor * readings
-
-
-def largest_N(recorded: Recording) -> float:
-    """The recording's largest force, 0 where none is known."""
-    return float(np.nan_to_num(recorded.frames["force_N"].to_numpy(float)).max())

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from eitskin.data.recording import Recording
+from eitskin.data.recording import Recording, largest_force_N
 from eitskin.physics.skin import Skin
-from eitskin.simulators import largest_N
 from witness.world import World
 
 
@@ -30,7 +29,7 @@ class Truth:
         for rows in states.groupby("session").indices.values():
             session_frames = states.iloc[rows].reset_index(drop=True)
             readings[rows] = self.world.readings(
-                session_frames, self.effects, force_max_N=largest_N(recorded)
+                session_frames, self.effects, force_max_N=largest_force_N(recorded)
             )
         return readings
 

@@ -20,7 +20,7 @@ if __name__ == "__main__":
         with atomic_path(DOCS / name) as path:
             path.write_text(page(), encoding="utf-8")
     for file in SHOWING_ROWS:
-        before = file.read_text(encoding="utf-8")
-        if (after := filled(before)) != before:
+        text = file.read_text(encoding="utf-8")
+        if (filled_text := filled(text)) != text:
             with atomic_path(file) as path:
-                path.write_text(after, encoding="utf-8")
+                path.write_text(filled_text, encoding="utf-8")

@@ -17,7 +17,7 @@ def since_sealed(block: Path, drawn: dict[str, Any]) -> list[str]:
         return []
     steps = why.chain(seal)
     drawing = [s["parameters"] for s in steps if s.get("rule", "").startswith("conceal_")]
-    changed = {key for own in drawing for key in drawn if own[key] != drawn[key]}
+    changed = {key for record in drawing for key in drawn if record[key] != drawn[key]}
     changed |= {
         text.removeprefix("code: ")
         for step in steps

@@ -154,6 +154,11 @@ def voltages(recording: Recording, name: str | Path) -> np.ndarray:
     return recording.voltage
 
 
+def largest_force_N(recording: Recording) -> float:
+    """The largest force of a recording, in N; 0 where none is known."""
+    return float(recording.frames["force_N"].fillna(0.0).max())
+
+
 def presses(recording: Recording) -> np.ndarray:
     """(N,) int: number of the press that each touched frame belongs to, -1 where untouched.
 

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from eitskin.data import alignment
-from eitskin.data.recording import Recording, presses, voltages
+from eitskin.data.recording import Recording, largest_force_N, presses, voltages
 from eitskin.diagnose.fitting.candidates import Candidate
 from eitskin.effects.effect import START, Moment, Setting
 from eitskin.errors import InputError
@@ -136,7 +136,7 @@ class RecordingSimulator:
         self.magnitude = metadata["voltage"] == "magnitude"
         self.unit = metadata["unit"]
         self.sink_grounded = metadata["source_reference"] == "sink-grounded"
-        self.force_max_N = float(np.nanmax(recording.frames["force_N"].fillna(0.0).to_numpy()))
+        self.force_max_N = largest_force_N(recording)
         self.frame_s = metadata["frame_s"]
         self.timed = metadata["clock"] == "measured"
         self.nominal_skin, self.calibrations = known or beliefs(recording)

@@ -116,15 +116,20 @@ def component_intervals(
     return intervals
 
 
-def greatest_sd(rig_errors: RigErrors, error_sds: Mapping[str, float], name: str) -> float:
-    """The end of the 90 % interval of a component's sd where its estimate is 0, in its unit: of its
-    variance, as if normal about 0, by the expected information; 0 where fits do not reckon with
-    it."""
-    if not COMPONENTS[name].in_covariance:
-        return 0.0
-    whitening = rig_errors.whitening(error_sds, restricted=True)
-    information = float(Scoring(rig_errors, whitening, [name]).information[0, 0])
-    return float(np.sqrt(NORMAL_90 / np.sqrt(information)))
+def greatest_sds(
+    rig_errors: RigErrors, error_sds: Mapping[str, float], names: list[str]
+) -> dict[str, float]:
+    """By name of some components whose estimate is 0, the end of the 90 % interval of the sd, in
+    its unit: of the variance, as if normal about 0, by the expected information; 0 where fits do
+    not reckon with it."""
+    largest_sds = dict.fromkeys(names, 0.0)
+    if fitted_names := [name for name in names if COMPONENTS[name].in_covariance]:
+        whitening = rig_errors.whitening(error_sds, restricted=True)
+        information = np.diag(Scoring(rig_errors, whitening, fitted_names).information)
+        largest_sds |= zip(
+            fitted_names, np.sqrt(NORMAL_90 / np.sqrt(information)).tolist(), strict=True
+        )
+    return largest_sds
 
 
 def _interval(name: str, unit: str, values: tuple[float, ...], learned: bool = True) -> dict:

@@ -380,6 +380,7 @@ class WalkingTouchComponent(PressTouchComponent):
     """An error that walks from press to press; its sd is that at the end of a walk as long."""
 
     acts_on = "whole"
+    alike = slice(1)
     has_common_part = False  # its mean is that of the error of the presses
 
     def waves(self, linearisation: Linearisation) -> np.ndarray:
@@ -408,7 +409,6 @@ class ForceWalk(WalkingTouchComponent):
     name, unit, prior_sd = "force-walk", "1", 0.1
     occasional = True
     every_frame = ForcePerFrame.name
-    alike = slice(1)
 
     def displacements(self, linearisation: Linearisation) -> list[dict[str, np.ndarray]]:
         """Of every touch's force, in proportion to it, by waves of a random walk."""
@@ -421,7 +421,6 @@ class ForceZeroWalk(WalkingTouchComponent):
 
     name, unit, prior_sd = "force-zero-walk", "N", 0.2
     every_frame = ForcePerFrame.name
-    alike = slice(1)
 
     def displacements(self, linearisation: Linearisation) -> list[dict[str, np.ndarray]]:
         """Of every touch's force, by waves of a random walk."""

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.stats import t
 
 from eitskin.diagnose.fitting.fit import Fit
-from eitskin.diagnose.noise.component_sds import greatest_sd
+from eitskin.diagnose.noise.component_sds import greatest_sds
 from eitskin.diagnose.noise.components import COMPONENTS
 from eitskin.diagnose.noise.rig_errors import RigErrors
 
@@ -22,16 +22,18 @@ def with_common_parts(
     one; errors of presses that have no sd are added for it, with the largest sd that they may
     have."""
     entries = {component["name"]: component for component in components}
-    for name, part in common_parts(fit, rig, error_sds).items():
-        if name not in entries:
-            entries[name] = {
-                "name": name,
-                "unit": COMPONENTS[name].unit,
-                "sd": 0.0,
-                "low": 0.0,
-                "high": greatest_sd(rig, error_sds, name),
-                "learned": name not in rig.assumed,
-            }
+    parts = common_parts(fit, rig, error_sds)
+    absent = [name for name in parts if name not in entries]
+    for name, largest_sd in greatest_sds(rig, error_sds, absent).items():
+        entries[name] = {
+            "name": name,
+            "unit": COMPONENTS[name].unit,
+            "sd": 0.0,
+            "low": 0.0,
+            "high": largest_sd,
+            "learned": name not in rig.assumed,
+        }
+    for name, part in parts.items():
         entries[name] = {**entries[name], "common": part}
     return list(entries.values())
 
@@ -54,10 +56,14 @@ def common_parts(fit: Fit, rig: RigErrors, error_sds: Mapping[str, float]) -> di
         for name, columns in rig.columns.items()
         if COMPONENTS[name].has_common_part
     }
-    least = {name: LEAST_FREE_SHARE * (rows**2).sum(axis=1) for name, rows in whitened.items()}
+    least_energy = {
+        name: LEAST_FREE_SHARE * (rows**2).sum(axis=1) for name, rows in whitened.items()
+    }
     free = {name: rows - (rows @ basis) @ basis.T for name, rows in whitened.items()}
-    free = {n: rows for n, rows in free.items() if ((rows**2).sum(axis=1) > least[n]).all()}
-    free = {n: rows for n, rows in free.items() if (_beyond_others(free, n) > least[n]).all()}
+    free = {n: rows for n, rows in free.items() if ((rows**2).sum(axis=1) > least_energy[n]).all()}
+    free = {
+        n: rows for n, rows in free.items() if (_beyond_others(free, n) > least_energy[n]).all()
+    }
     if not free:
         return {}
     stacked = np.concatenate(list(free.values()))
@@ -67,22 +73,24 @@ def common_parts(fit: Fit, rig: RigErrors, error_sds: Mapping[str, float]) -> di
     presses = len(np.unique(rig.press[is_fitted]))
     half_width = float(t.ppf(UPPER, max(presses - 1, 1)))
     parts, start = {}, 0
-    for name, rest in free.items():
-        place = slice(start, start := start + len(rest))
-        part = variance[place]
+    for name, rows in free.items():
+        place = slice(start, start := start + len(rows))
+        part_variance = variance[place]
         if COMPONENTS[name].acts_on == "whole":
-            part = np.maximum(part - error_sds.get(name, 0.0) ** 2, 0.0)
-        half = half_width * np.sqrt(part)
+            part_variance = np.maximum(part_variance - error_sds.get(name, 0.0) ** 2, 0.0)
+        half = half_width * np.sqrt(part_variance)
         ends = {"value": value[place], "low": value[place] - half, "high": value[place] + half}
-        parts[name] = {k: v.tolist() if len(rest) > 1 else float(v[0]) for k, v in ends.items()}
+        parts[name] = {k: v.tolist() if len(rows) > 1 else float(v[0]) for k, v in ends.items()}
     return parts
 
 
 def _beyond_others(rows: Mapping[str, np.ndarray], name: str) -> np.ndarray:
     """(K,): squared length of each of the K rows of a name beyond all rows of the other names."""
-    others = np.concatenate(
+    other_rows = np.concatenate(
         [np.zeros((0, rows[name].shape[1])), *(r for n, r in rows.items() if n != name)]
     )
-    products = others @ rows[name].T
-    taken = (products * (np.linalg.pinv(others @ others.T, hermitian=True) @ products)).sum(axis=0)
-    return np.asarray((rows[name] ** 2).sum(axis=1) - taken)
+    products = other_rows @ rows[name].T
+    explained = (
+        products * (np.linalg.pinv(other_rows @ other_rows.T, hermitian=True) @ products)
+    ).sum(axis=0)
+    return np.asarray((rows[name] ** 2).sum(axis=1) - explained)

@@ -23,7 +23,7 @@ from eitskin.quantities import listed, quantity
 
 INTERVAL = re.compile(r" \(90 %: [^)]*\)")
 SENTENCE_END = re.compile(r"(?<=\.) (?=[A-Z])")
-SAME = 0.9  # of the error before: more than that is hardly a change
+HARDLY_CHANGED = 0.9  # of the error before: more than that is hardly a change
 MOST_NAMES = 3  # of a list in a sentence; the rest are others
 SHARED_MISFIT = 1.05  # chi squared a degree of freedom: more than the noise is left
 # Names from what a person sees at the bench to what only a model tells, those of a line alike.
@@ -48,14 +48,14 @@ def opening(diagnosis: dict, channels: np.ndarray) -> str:
     certain, candidates = findings(diagnosis)
     if certain:
         return f"{_bare(certain[0]['sentence'])}: {_advice(certain[0], channels)}."
-    first = ""
+    trial_text = ""
     if candidates:
-        first = f"to try first: {_advice(plainest(candidates[0]), channels)}."
+        trial_text = f"to try first: {_advice(plainest(candidates[0]), channels)}."
     if diagnosis.get("families"):
         text = f"No single part is certainly at fault; {_lowered(_bare(_largest(diagnosis)))}"
-        return f"{text}; {first}" if first else f"{text}."
+        return f"{text}; {trial_text}" if trial_text else f"{text}."
     if candidates:
-        return f"Nothing is certain yet; {first}"
+        return f"Nothing is certain yet; {trial_text}"
     if diagnosis["verdict"] != "unexplained":
         return CONSISTENT
     place = sites_text(diagnosis["other"])
@@ -99,7 +99,7 @@ def error_sentence(diagnosis: dict, unit: str) -> str:
     if before == after:
         return f"On readings {role} the simulation is off by {quantity(after, unit)}; {noise}."
     change = f"from {quantity(before, unit)} to {quantity(after, unit)}"
-    if SAME < after / before <= 1.0:
+    if HARDLY_CHANGED < after / before <= 1.0:
         return f"On readings {role} the error of the simulation hardly changes, {change}; {noise}."
     if after > before:
         return f"On readings {role} the error of the simulation does not fall: {change}; {noise}."
@@ -110,26 +110,26 @@ def plainest(effect: dict) -> dict:
     """An effect of diagnosis.json, or in its place the plainest name that this recording cannot
     tell from it, with its sites where the other name may be at such."""
     name = min([effect["name"], *effect["alternatives"]], key=_rank)
-    kept = {kind: effect[kind] if kind in EFFECTS[name].sites else [] for kind in SITES}
-    return effect if name == effect["name"] else effect | {"name": name} | kept
+    sites = {kind: effect[kind] if kind in EFFECTS[name].sites else [] for kind in SITES}
+    return effect if name == effect["name"] else effect | {"name": name} | sites
 
 
 def candidate_sentence(effect: dict) -> str:
     """A candidate of diagnosis.json: by the plainest of the names that cannot be told apart."""
     spoken = plainest(effect)
-    others = [name for name in [effect["name"], *effect["alternatives"]] if name != spoken["name"]]
+    rivals = [name for name in [effect["name"], *effect["alternatives"]] if name != spoken["name"]]
     text = effect["sentence"]
     if not text.startswith("Perhaps "):  # of an earlier version
         text = f"Perhaps {_lowered(text)}"
-    if not others:
+    if not rivals:
         return text
     if spoken is effect:
-        return f"{text} This recording cannot tell it from {names_text(others)}."
+        return f"{text} This recording cannot tell it from {names_text(rivals)}."
     place = sites_text(spoken)
-    at = f" of {place}" if place else ""
+    location = f" of {place}" if place else ""
     return (
-        f"Perhaps it is the {plain(spoken['name'])}{at}: this recording cannot tell it from"
-        f" {names_text(others)}. By {plain(effect['name'])} it reads: {_lowered(text[8:])}"
+        f"Perhaps it is the {plain(spoken['name'])}{location}: this recording cannot tell it from"
+        f" {names_text(rivals)}. By {plain(effect['name'])} it reads: {_lowered(text[8:])}"
     )
 
 
@@ -157,7 +157,7 @@ def experiment_sentence(diagnosis: dict, experiment: dict) -> str:
         if DISTINCT.admits(pair["gap_then"]):
             by_recipe.setdefault(pair["recipe"], []).append(pair)
     if by_recipe:
-        recipe = max(by_recipe, key=lambda each: len(by_recipe[each]))
+        recipe = max(by_recipe, key=lambda text: len(by_recipe[text]))
         pairs = [
             f"{plain(pair['a'])} from {plain(pair['b'])}" for pair in by_recipe[recipe][:MOST_NAMES]
         ]
@@ -170,7 +170,7 @@ def experiment_sentence(diagnosis: dict, experiment: dict) -> str:
         by_recording.setdefault(EFFECTS[name].shown_by, []).append(name)
     if not by_recording:
         return ""
-    recording = max(by_recording, key=lambda each: len(by_recording[each]))
+    recording = max(by_recording, key=lambda text: len(by_recording[text]))
     return f"{WORTH}: {recording}; it could show {names_text(by_recording[recording])}."
 
 
