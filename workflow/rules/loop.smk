@@ -32,7 +32,7 @@ rule loop_case:
         size={key: config["loop"][key] for key in ("frames", "tested", "share")},
         forces=FORCES,
         probe_mm=lookup(dpath="touch_grid/probe_mm", within=config),
-        code=fingerprint("loop_case", CATALOGUE),
+        code=fingerprint("loop_case"),
     message:
         "Drawing the skin {wildcards.case}, whose owner does not know all"
     script:
