@@ -1,14 +1,16 @@
-"""The conformal map of a star-shaped skin onto the unit disc.
+"""The conformal map of a simply connected skin onto the unit disc.
 
 Laplace's equation, the flux through a curve and so the whole sheet problem are invariant under it;
 what a shape does to an EIT skin is therefore where it sends the electrodes and the touches. With
 f(z) = z exp(F(z)), |f| = 1 on the rim asks for the analytic F with Re F = -ln|z| there: linear.
-(Henrici, Applied and Computational Complex Analysis III, § 16.7.)
+(Henrici, Applied and Computational Complex Analysis III, § 16.7.) F is a polynomial for rims near a
+disc, and a rational function with poles placed by `poles` for corners and narrow skins.
 """
 
 import copy
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,7 +19,10 @@ from scipy.linalg import solve_triangular
 
 from eitskin.physics.arrays import NUMPY, as_in, library
 
-DEGREE = 48  # of the series; a rim that it does not fit to 1e-7 is refused
+DEGREE = 48  # of the polynomial alone; a rim that is not fitted to 1e-7 is refused
+POLED_DEGREE = 20  # of the polynomial beside poles
+DAMPING = 1e-14  # of coefficients beside poles: keeps large ones from cancelling
+NOWHERE = 1e6  # a pole of residue 0, in scales, that fills up the poles of several maps
 MOST_ORDER = 3  # of a derivative
 # Points evaluated at once, so that a block stays in a core's cache; the least for each of many
 # maps.
@@ -25,60 +30,91 @@ BLOCK_POINTS, LEAST_BLOCK_POINTS = 1 << 11, 1 << 5
 ROUNDING = 3e-15  # a smaller coefficient is the rounding of its linear system
 
 
-class DiscMap:
-    """f: skin -> unit disc with f(0) = 0, f'(0) > 0, from points on the rim.
+@dataclass(frozen=True)
+class Poles:
+    """Poles outside a skin (P,) complex, and their distances from its rim (P,)."""
 
-    `rim` (P,) complex: points on the rim, once round, evenly dense; P > 2 * DEGREE.
-    Lengths are in any one unit. Raises ValueError where the rim is no number, not star-shaped or
-    too rough for a polynomial of DEGREE: `defect`, the largest | |f| - 1 | at the rim points, then
-    exceeds 1e-7.
+    place: np.ndarray
+    distance: np.ndarray
+
+
+NO_POLES = Poles(np.zeros(0, complex), np.zeros(0))
+
+
+class DiscMap:
+    """f: skin -> unit disc with f(centre) = 0, f'(centre) > 0, from points on the rim.
+
+    `rim` (N,) complex: points on the rim, once round, dense towards corners; without poles evenly
+    dense, with a centre of 0, and N > 2 * DEGREE. phi (N,): their angles, kept for `velocity`. Lengths are in any one unit. Raises ValueError
+    where the rim is no number, or too rough for the function: `defect`, the largest | |f| - 1 | at
+    the rim points, then exceeds 1e-7.
     """
 
-    def __init__(self, rim: np.ndarray):
+    def __init__(
+        self,
+        rim: np.ndarray,
+        phi: np.ndarray | None = None,
+        poles: Poles = NO_POLES,
+        centre: complex = 0.0,
+    ):
         if not np.isfinite(rim).all():
             raise ValueError("a rim that is no number")
-        self.scale = np.abs(rim).max()
-        self._rim = rim
-        self._directions, self._triangle = np.linalg.qr(_real_basis(rim / self.scale))
-        full_series = self._fitted(-np.log(np.abs(rim)))
-        significant = np.flatnonzero(np.abs(full_series[1:]) > ROUNDING)
-        coefficients = full_series[: significant.max(initial=-1) + 2]
-        self.series = Series(coefficients, self.scale)
+        self.phi, self.centre = phi, centre
+        self.scale = np.abs(rim - centre).max()
+        self._rim = rim - centre
+        self._poles = Poles((poles.place - centre) / self.scale, poles.distance / self.scale)
+        basis = _real_basis(self._rim / self.scale, self._poles)
+        self._directions, self._triangle = np.linalg.qr(basis)
+        full_series = self._fitted(-np.log(np.abs(self._rim)))
+        if not len(poles.place):
+            significant = np.flatnonzero(np.abs(full_series[1:]) > ROUNDING)
+            full_series = full_series[: significant.max(initial=-1) + 2]
+        self.series = self._series_of(full_series)
         self.defect = float(np.abs(np.abs(self(rim)) - 1.0).max())
         if not self.defect <= 1e-7:
             raise ValueError(f"rim too rough for a conformal map: | |f| - 1 | = {self.defect:.1e}")
 
+    def _series_of(self, coefficients: np.ndarray) -> "Series":
+        terms = len(coefficients) - len(self._poles.place)
+        residues = coefficients[terms:] * self._poles.distance
+        return Series(coefficients[:terms], self.scale, poles=self._poles.place, residues=residues)
+
     def __call__(self, z: np.ndarray) -> np.ndarray:
         """f(z)."""
-        return z * np.exp(self.series(z, 0)[0])
+        return self.derivatives(z, 0)[0]
 
     def derivatives(self, z: np.ndarray, order: int) -> list[np.ndarray]:
         """[f, f', ... up to `order` <= 3] at z."""
-        return _mapped(self.series, z, order)
+        return _mapped(self.series, z - self.centre, order)
 
     def velocity(self, rim_velocity: np.ndarray) -> "MapVelocity":
-        """The derivative of f as the rim points move with `rim_velocity` (P,) complex."""
+        """The derivative of f as the rim points move with `rim_velocity` (N,) complex, in mm per
+        unit of a parameter."""
         slope = self.series(self._rim, 1)[1]
         change = -np.real(rim_velocity / self._rim) - np.real(slope * rim_velocity)
-        return MapVelocity(self, self._fitted(change))
+        return MapVelocity(self, self._series_of(self._fitted(change)))
 
     def _fitted(self, rim_values: np.ndarray) -> np.ndarray:
-        """Complex coefficients (DEGREE + 1,) whose real part on the rim fits values (P,) in
-        least squares."""
-        along = self._directions.T @ rim_values
-        return _to_complex(solve_triangular(self._triangle, along, check_finite=False))
+        """Complex coefficients, of powers and then of poles, whose function's real part on the rim
+        fits values (N,) in least squares."""
+        along = self._directions[: len(rim_values)].T @ rim_values
+        real = solve_triangular(self._triangle, along, check_finite=False)
+        terms = (len(real) + 1) // 2
+        coefficients = real[:terms].astype(complex)
+        coefficients[1:] += 1j * real[terms:]
+        return coefficients
 
 
 class MapVelocity:
     """The derivative of a DiscMap, as a function of the place: f_dot = f F_dot."""
 
-    def __init__(self, disc_map: DiscMap, coefficients: np.ndarray):
-        self._map, self._series = disc_map, Series(coefficients, disc_map.scale)
+    def __init__(self, disc_map: DiscMap, series: "Series"):
+        self._map, self._series = disc_map, series
 
     def derivatives(self, z: np.ndarray, order: int) -> list[np.ndarray]:
         """[f_dot, f_dot', ... up to `order` <= 2] at z (Leibniz)."""
         f = self._map.derivatives(z, order)
-        g = self._series(z, order)
+        g = self._series(z - self._map.centre, order)
         binomial = [[1], [1, 1], [1, 2, 1]]
         return [
             sum(binomial[n][k] * f[n - k] * g[k] for k in range(n + 1)) for n in range(order + 1)
@@ -93,23 +129,34 @@ class DiscMaps:
     """
 
     def __init__(self, maps: Sequence[DiscMap], array: Any):
-        terms = max(len(disc_map.series.coefficients) for disc_map in maps)
-        coefficients = np.zeros((len(maps), terms), complex)
-        for row, disc_map in zip(coefficients, maps, strict=True):
-            row[: len(disc_map.series.coefficients)] = disc_map.series.coefficients
+        every_series = [disc_map.series for disc_map in maps]
         self.series = Series(
-            coefficients, np.array([disc_map.scale for disc_map in maps])[:, None], array
+            _stacked([series.coefficients for series in every_series], 0.0),
+            np.array([disc_map.scale for disc_map in maps])[:, None],
+            array,
+            _stacked([series.poles for series in every_series], NOWHERE),
+            _stacked([series.residues for series in every_series], 0.0),
         )
+        self._centre = as_in(np.array([disc_map.centre for disc_map in maps], complex), array)
 
     def select(self, indices: Any) -> "DiscMaps":
         """The maps at `indices` (P,), which may repeat."""
         selection = copy.copy(self)
         selection.series = self.series.select(indices)
+        selection._centre = self._centre[indices]
         return selection
 
     def derivatives(self, z: np.ndarray, order: int) -> list[np.ndarray]:
         """[f, f', ... up to `order` <= 3] at z (S, points)."""
-        return _mapped(self.series, z, order)
+        return _mapped(self.series, z - self._centre.reshape(-1, *[1] * (z.ndim - 1)), order)
+
+
+def _stacked(rows: Sequence[np.ndarray], filling: float) -> np.ndarray:
+    """(S, longest) complex: rows, each filled up."""
+    stack = np.full((len(rows), max(map(len, rows))), filling, complex)
+    for row, values in zip(stack, rows, strict=True):
+        row[: len(values)] = values
+    return stack
 
 
 def _mapped(series: "Series", z: np.ndarray, order: int) -> list[np.ndarray]:
@@ -126,14 +173,23 @@ def _mapped(series: "Series", z: np.ndarray, order: int) -> list[np.ndarray]:
 
 
 class Series:
-    """A polynomial of z / scale with complex coefficients, and its derivatives by z.
+    """A polynomial of x = z / scale with complex coefficients, plus residues over x - pole, and the
+    derivatives of this by z.
 
     Horner's rule on blocks of about as many coefficients as there are blocks, and then on the
     blocks: a fifth of the calls, and each value depends on its own point alone, to the bit. Of
-    several series, coefficients (S, terms) and scale (S, 1), as arrays like `array`.
+    several series, coefficients (S, terms), poles and residues (S, P) and scale (S, 1), as arrays
+    like `array`.
     """
 
-    def __init__(self, coefficients: np.ndarray, scale: Any, array: Any = NUMPY):
+    def __init__(
+        self,
+        coefficients: np.ndarray,
+        scale: Any,
+        array: Any = NUMPY,
+        poles: np.ndarray = NO_POLES.place,
+        residues: np.ndarray = NO_POLES.place,
+    ):
         self.coefficients = as_in(coefficients, array)
         *stack, terms = coefficients.shape
         size = math.ceil(math.sqrt(terms))
@@ -143,6 +199,7 @@ class Series:
             derivative = polynomial.polyder(coefficients, k, axis=-1) / scale**k
             row[..., : derivative.shape[-1]] = derivative
         self._blocks = as_in(blocks.reshape(MOST_ORDER + 1, *stack, count, size), array)
+        self.poles, self.residues = as_in(poles, array), as_in(residues, array)
         self.scale = as_in(scale, array) if stack else scale
 
     def select(self, indices: Any) -> "Series":
@@ -150,6 +207,7 @@ class Series:
         selection = copy.copy(self)
         selection.coefficients = self.coefficients[indices]
         selection._blocks, selection.scale = self._blocks[:, indices], self.scale[indices]
+        selection.poles, selection.residues = self.poles[indices], self.residues[indices]
         return selection
 
     def __call__(self, z: np.ndarray, order: int) -> np.ndarray:
@@ -166,7 +224,23 @@ class Series:
         for start in range(0, points, step):
             block = slice(start, start + step)
             values[..., block] = self._block_values(x[..., block], self._blocks[: order + 1])
+        if self.poles.shape[-1]:
+            step = max(BLOCK_POINTS // 8, 1) if xp is np else step
+            for start in range(0, points, step):
+                block = slice(start, start + step)
+                values[..., block] += self._pole_values(x[..., block], order)
         return values.reshape(order + 1, *z.shape)
+
+    def _pole_values(self, x: np.ndarray, order: int) -> np.ndarray:
+        """(order + 1, ..., points): sums over the poles."""
+        xp = library(x)
+        inverse = 1.0 / (x[..., :, None] - self.poles[..., None, :])
+        term = self.residues[..., None, :] * inverse
+        sums = [xp.sum(term, axis=-1)]
+        for k in range(1, order + 1):
+            term = term * inverse
+            sums.append((-1.0) ** k * math.factorial(k) / self.scale**k * xp.sum(term, axis=-1))
+        return xp.stack(sums)
 
     def _block_values(self, x: np.ndarray, blocks: np.ndarray) -> np.ndarray:
         *stack, count, size = blocks.shape
@@ -184,12 +258,13 @@ class Series:
         return value
 
 
-def _real_basis(z: np.ndarray) -> np.ndarray:
-    powers = z[:, None] ** np.arange(DEGREE + 1)
-    return np.hstack([powers.real, -powers.imag[:, 1:]])
-
-
-def _to_complex(real: np.ndarray) -> np.ndarray:
-    coefficients = real[: DEGREE + 1].astype(complex)
-    coefficients[1:] += 1j * real[DEGREE + 1 :]
-    return coefficients
+def _real_basis(x: np.ndarray, poles: Poles) -> np.ndarray:
+    """Columns whose combination is the real part of a polynomial with residues at poles, and rows
+    that keep residues from cancelling."""
+    count = len(poles.place)
+    powers = x[:, None] ** np.arange((POLED_DEGREE if count else DEGREE) + 1)
+    columns = np.hstack([powers, poles.distance / (x[:, None] - poles.place)])
+    basis = np.hstack([columns.real, -columns.imag[:, 1:]])
+    if not count:
+        return basis
+    return np.vstack([basis, DAMPING * np.sqrt(len(x)) * np.eye(basis.shape[1])])

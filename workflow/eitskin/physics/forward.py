@@ -21,17 +21,22 @@ from scipy.linalg import block_diag, cho_factor, cho_solve, solve_triangular
 from eitskin import cores
 from eitskin.errors import InputError
 from eitskin.physics.arrays import as_in, library
-from eitskin.physics.conformal import DiscMap
+from eitskin.physics.conformal import DiscMap, Poles
 from eitskin.physics.contact_current import EvenCurrent
 from eitskin.physics.electrodes import ElectrodeMotion, Electrodes
 from eitskin.physics.even_touches import even_touches
 from eitskin.physics.geometry import Geometry, RimMotion
 from eitskin.physics.gradient import GradientBulk
+from eitskin.physics.poles import Fineness, RimSample, placed
+from eitskin.physics.rim_curve import inside
 from eitskin.physics.touch import EdgeMotion, Surroundings, Touch, TouchAccuracy, TouchEdge
 from eitskin.physics.touch_cache import ContactCoupling, Place, TouchCache, TouchCoupling
 
-# Rim points of the conformal map: more than twice its degree, 48, with room for rough rims.
-RIM_PHI = np.linspace(0.0, 2.0 * np.pi, 256, endpoint=False)
+# Poles of an outline's conformal map, tried in turn until its defect is FINE_DEFECT.
+FINENESSES = (Fineness(20, 0.5), Fineness(28, 0.35), Fineness(40, 0.3), Fineness(56, 0.25))
+FINE_DEFECT = 1e-9
+# Of a defect in the least arc of an electrode, which narrow skins crowd on the disc: wanted, most.
+FINE_SHARE, COARSE_SHARE = 1e-6, 1e-4
 UNIT_CIRCLE = np.exp(2j * np.pi * np.arange(64) / 64)
 LEAST_CONTRAST = 1e-12  # below this, rounding: the touch is treated as absent
 PLACES_PER_SOLVE = 64  # places of one batched eigenproblem
@@ -239,7 +244,10 @@ class Forward:
         """(P,) bool: whether discs at places (x_mm, y_mm, radius_mm) lie on the skin, at least in
         part."""
         x, y, radius = np.array(places, float).reshape(-1, 3).T[:, :, None]
-        edge_points = self.geometry.unfold(x + 1j * y + radius * UNIT_CIRCLE)
+        edge_points = x + 1j * y + radius * UNIT_CIRCLE
+        if self.geometry.outline:
+            return inside(self.geometry.drawn_rim, edge_points).any(axis=1)
+        edge_points = self.geometry.unfold(edge_points)
         # Far outside the rim the map's series does not converge.
         in_range = np.abs(edge_points) <= self.disc.scale
         mapped = self.disc(np.where(in_range, edge_points, 0.0))
@@ -545,8 +553,8 @@ class _Slopes:
 
     def _skin_motion_slope(self, motion: RimMotion) -> np.ndarray:
         forward, g = self.forward, self.geometry
-        rim = g.rim(RIM_PHI)
-        velocity = g.unfold(motion.rim(RIM_PHI)) + motion.unfolding(rim)
+        phi = forward.disc.phi
+        velocity = g.unfold(motion.rim(phi)) + motion.unfolding(g.rim(phi))
         map_velocity = forward.disc.velocity(velocity)
         edge_motions = {i: e.skin_motion(motion, map_velocity) for i, e in enumerate(self.edges)}
         return self._motion_slope(self.electrodes.skin_motion(motion, map_velocity), edge_motions)
@@ -600,12 +608,51 @@ def separated_modes(mass: np.ndarray, response: np.ndarray) -> tuple[np.ndarray,
 
 
 def disc_map(geometry: Geometry) -> DiscMap:
-    """The conformal map of a skin onto the unit disc. Raises InputError where its rim is too
-    rough."""
+    """The conformal map of a skin onto the unit disc: of an outline, with as many poles as bring
+    its defect to FINE_DEFECT, or else the best. Raises InputError where its rim is too rough."""
     try:
-        return DiscMap(geometry.unfold(geometry.rim(RIM_PHI)))
+        if geometry.outline is None:
+            phi, _ = geometry.rim_phi()
+            return DiscMap(geometry.unfold(geometry.rim(phi)), phi)
+        return _poled_map(geometry)
     except ValueError as error:
-        raise InputError("skin", "domain shape", str(error), "a smooth, star-shaped rim") from None
+        expected = "a smooth, star-shaped rim"
+        if geometry.outline is not None:
+            expected = "a rim with few corners or none, and no narrow tips"
+        raise InputError("skin", "domain shape", str(error), expected) from None
+
+
+def _poled_map(geometry: Geometry) -> DiscMap:
+    """The map with poles. Raises ValueError where none fits the rim."""
+    best, refusal = None, None
+    for fineness in FINENESSES:
+        phi, corners = geometry.rim_phi(fineness.most_at_corner)
+        place, slope = (geometry.unfold(geometry.rim(phi, order)) for order in (0, 1))
+        length = np.abs(slope) * 0.5 * (np.roll(phi, -1) - np.roll(phi, 1)) % np.pi
+        sample = RimSample(place, -1j * slope / np.abs(slope), length, corners)
+        try:
+            mapped = DiscMap(place, phi, Poles(*placed(sample, fineness)), geometry.centre)
+        except ValueError as error:
+            refusal = error
+            continue
+        best = mapped if best is None or mapped.defect < best.defect else best
+        crowding = _least_arc(geometry, best)
+        if best.defect < min(FINE_DEFECT, FINE_SHARE * crowding):
+            return best
+    if best is None:
+        assert refusal is not None
+        raise refusal
+    if not best.defect < COARSE_SHARE * crowding:
+        actual = f"an electrode's arc of {crowding:.1e} on the disc, known to {best.defect:.1e}"
+        raise ValueError(actual)
+    return best
+
+
+def _least_arc(geometry: Geometry, disc: DiscMap) -> float:
+    """Of all electrodes, the least angle that spans one on the disc, rad; of points, 1 mm."""
+    place = geometry.unfold(geometry.rim(np.radians(geometry.electrode_deg)))
+    width = 1.0 if geometry.points else geometry.electrode_width_mm
+    return float((np.abs(disc.derivatives(place, 1)[1]) * width).min())
 
 
 def _clearances(touches: list[Touch]) -> list[float]:

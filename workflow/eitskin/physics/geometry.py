@@ -3,6 +3,7 @@
 import copy
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,12 @@ import numpy as np
 from eitskin.errors import InputError
 from eitskin.physics import outline
 from eitskin.physics.arrays import as_in
+from eitskin.physics.rim_curve import RimCurve
 from eitskin.physics.skin import Skin
 
+ROUND_POINTS = 256  # of a sampled round rim: more than twice the conformal map's degree
+DRAWN_POLES = 8  # of corners of a rim that has moved, where places are sought within it
+CORNER_CLEARANCE = 1e-3  # radians of the rim's length between an electrode and a corner
 MATERIAL = ("thickness_mm", "conductivity_S_per_m", "contact_impedivity_ohm_m2")
 
 
@@ -43,7 +48,9 @@ class Geometry:
     """A conductive sheet with electrodes on its rim, in the units of its names.
 
     The rim is r(phi) = radius (1 + sum_k shape_cos[k] cos k phi + shape_sin[k] sin k phi),
-    stretched by (x, y) -> (stretch_x x, stretch_y y), electrodes and all. An electrode spans the
+    stretched by (x, y) -> (stretch_x x, stretch_y y), electrodes and all. Of an `outline` phi is
+    the share of its length, `radius_mm` that length over 2 pi, and the sum moves the rim along its
+    normal, by sqrt(area / pi) where it is 1. An electrode spans the
     angles electrode_deg +- width / (2 radius); width 0 makes it a point. Conductivity along
     `anisotropy_deg` over that across is `anisotropy_ratio`, geometric mean `conductivity_S_per_m`;
     it rises towards `gradient_deg` by `gradient_across` of itself from rim to rim; each of the
@@ -68,6 +75,7 @@ class Geometry:
     electrode_z_mm: float | None = None
     deep: bool = False
     patches: tuple[Patch, ...] = ()
+    outline: RimCurve | None = None
 
     def __post_init__(self) -> None:
         angle = np.asarray(self.electrode_deg, dtype=float)
@@ -91,6 +99,24 @@ class Geometry:
             raise InputError("skin", "electrodes", "two that overlap", "each an arc of its own")
         if not points.any() and not (self.contact_impedivity_ohm_m2 > 0).all():
             raise InputError("skin", "contact_impedivity_ohm_m2", 0, "more than 0 (width > 0)")
+        if self.outline:
+            self._refuse_on_outlines()
+
+    def _refuse_on_outlines(self) -> None:
+        """Raise InputError for electrodes round a corner, and for what only discs have."""
+        assert self.outline is not None
+        corners = self.outline.corner_phi
+        half = self.electrode_width_mm / (2.0 * self.radius_mm)
+        offset = corners[:, None] - np.radians(self.electrode_deg)
+        offset = np.abs((offset + np.pi) % (2.0 * np.pi) - np.pi)
+        at_corner = np.flatnonzero((offset < half + CORNER_CLEARANCE).any(axis=0))
+        if len(at_corner):
+            actual = f"electrode {at_corner[0]} at a corner"
+            raise InputError("skin", "electrodes", actual, "electrodes on a side, off its corners")
+        for key in ("electrode_height_mm", "electrode_z_mm"):
+            if getattr(self, key) is not None:
+                actual, expected = "a depth, on a skin that is no disc", "none: bodies are discs"
+                raise InputError("skin", key, actual, expected)
 
     @classmethod
     def from_skin(cls, skin: Skin) -> "Geometry":
@@ -168,21 +194,68 @@ class Geometry:
 
     def rim(self, phi: np.ndarray, order: int = 0) -> np.ndarray:
         """Physical rim points, mm, complex, or their derivative by phi of `order` <= 2."""
-        radius = [np.full(phi.shape, 1.0), np.zeros(phi.shape), np.zeros(phi.shape)]
-        for k, value in self.shape_cos.items():
-            for n in range(order + 1):
-                radius[n] = radius[n] + value * k**n * np.cos(k * phi + n * np.pi / 2)
-        for k, value in self.shape_sin.items():
-            for n in range(order + 1):
-                radius[n] = radius[n] + value * k**n * np.sin(k * phi + n * np.pi / 2)
+        wave = [np.zeros(phi.shape) for _ in range(order + 1)]
+        for shape, shift in ((self.shape_cos, 0.0), (self.shape_sin, -np.pi / 2)):
+            for k, value in shape.items():
+                for n in range(order + 1):
+                    wave[n] = wave[n] + value * k**n * np.cos(k * phi + shift + n * np.pi / 2)
+        return self.stretch(self._base(phi, order) + self.moved(phi, wave))
+
+    def _base(self, phi: np.ndarray, order: int) -> np.ndarray:
+        """The rim without its harmonics, not stretched, or a derivative by phi."""
+        if self.outline:
+            return self.outline.place(phi, order)
+        return 1j**order * self.radius_mm * np.exp(1j * phi)
+
+    def moved(self, phi: np.ndarray, wave: list[np.ndarray]) -> np.ndarray:
+        """What the rim moves by, not stretched, for a displacement along its normal by `wave`
+        radii; of several derivatives by phi in `wave`, the last."""
+        order, rim = len(wave) - 1, self.outline
         binomial = [[1], [1, 1], [1, 2, 1]][order]
-        z = sum(binomial[n] * radius[n] * 1j ** (order - n) for n in range(order + 1))
-        return self.stretch(self.radius_mm * z * np.exp(1j * phi))
+        if rim is None:
+            turned = [1j ** (order - n) * np.exp(1j * phi) for n in range(order + 1)]
+            size = self.radius_mm
+        elif not any(map(np.any, wave)):
+            return np.zeros(phi.shape, complex)
+        else:
+            turned = [rim.mitred_normal(phi, order - n) for n in range(order + 1)]
+            size = float(np.sqrt(rim.area_mm2 / np.pi))
+        return size * sum(binomial[n] * wave[n] * turned[n] for n in range(order + 1))
+
+    @cached_property
+    def drawn_rim(self) -> np.ndarray:
+        """(K,) complex, mm: corners of the rim of an outline; of a smooth one, or one that has
+        moved, of the sampled rim."""
+        assert self.outline is not None
+        moved = self.shape_cos or self.shape_sin or (self.stretch_x, self.stretch_y) != (1.0, 1.0)
+        if moved or self.outline.smooth:
+            return self.rim(self.rim_phi(DRAWN_POLES)[0])
+        return self.outline.points
+
+    @cached_property
+    def corners(self) -> np.ndarray:
+        """(C,) complex, mm: of an outline."""
+        assert self.outline is not None
+        return self.rim(self.outline.corner_phi)
+
+    @property
+    def centre(self) -> complex:
+        """An unfolded place well within the rim."""
+        return complex(self.unfold(np.array([self.outline.centre]))[0]) if self.outline else 0.0
+
+    def rim_phi(self, corner_poles: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """Angles that sample the rim, ascending, and indices of corners among them; points crowd
+        towards a corner as so many poles do."""
+        if self.outline is None:
+            return np.linspace(0.0, 2.0 * np.pi, ROUND_POINTS, endpoint=False), np.zeros(0, int)
+        return self.outline.sampled_phi(corner_poles)
 
 
 class Unfoldings:
     """The unfoldings of several skins, each of its own places: a z + b conj(z), as they are
     linear in (x, y). `array`: its library and device are those of the coefficients."""
+
+    outline = None  # discs, all of them
 
     def __init__(self, geometries: Sequence[Geometry], array: Any):
         unit_x, unit_y = (np.array([g.unfold(np.array(z)) for g in geometries]) for z in (1.0, 1j))
@@ -219,11 +292,10 @@ class RimMotion:
         """Velocity of the physical rim point, or its derivative by phi (`order` <= 1)."""
         g, k = self.geometry, self.harmonic
         if self.parameter in ("shape_cos", "shape_sin"):
+            assert k is not None
             shift = 0.0 if self.parameter == "shape_cos" else -np.pi / 2
-            wave = np.cos(k * phi + shift)
-            if order == 1:
-                wave = 1j * wave - k * np.sin(k * phi + shift)
-            return g.stretch(g.radius_mm * wave * np.exp(1j * phi))
+            wave = [np.cos(k * phi + shift), -k * np.sin(k * phi + shift)]
+            return g.stretch(g.moved(phi, wave[: order + 1]))
         if self.parameter == "stretch_x":
             return np.real(g.rim(phi, order)) / g.stretch_x + 0j
         if self.parameter == "stretch_y":

@@ -38,7 +38,7 @@ class Sheets:
     """Sheets of as many electrodes each, ready to be touched.
 
     device: None for NumPy; else a device of PyTorch, as "cpu" or "cuda", on which results lie, too.
-    Raises InputError for a body, a patch, a gradient of the conductivity, point electrodes, and
+    Raises InputError for a body, an outline, a patch, a gradient, point electrodes, and
     numbers of electrodes that differ.
     """
 
@@ -228,6 +228,7 @@ def _check(geometries: Sequence[Geometry]) -> None:
             ("gradient_across", geometry.gradient_across),
             ("patches", len(geometry.patches)),
             ("deep", span(geometry)),
+            ("outline", geometry.outline),
         ):
             if value:
                 raise InputError("skin", key, value, "none, for several sheets at once")

@@ -20,6 +20,7 @@ from eitskin.physics.conformal import DiscMap, MapVelocity
 from eitskin.physics.geometry import Geometry, RimMotion
 from eitskin.physics.gradient import GradientBulk
 from eitskin.physics.harmonics import Harmonics, RimField, symmetric
+from eitskin.physics.rim_curve import distance, inside
 
 # Nodes of a touch's edge: sizes with fast, even steps of about sqrt(2), as many as a touch may
 # have.
@@ -31,6 +32,7 @@ CROSSED_NODES = 6
 SHORTEST_CROSSED_PANEL = 1e-6  # radians; bounds the number of panels at a flat crossing
 TANGENT_SINE2 = 1e-5  # squared sine of the crossing angle below which circles count as tangent
 MOST_NEWTON_STEPS, LAST_NEWTON_STEP = 60, 1e-11  # of the search for a crossing; radians
+MOST_ARCS = 2  # of an edge on the skin, where a corner lies beyond it
 MOST_PANELS = 150  # between two crossings: bounds the cost of circles that nearly coincide
 # Angles at which the distance of an edge to the rim is evaluated.
 EDGE_ANGLES = np.linspace(0.0, 2.0 * np.pi, 512, endpoint=False)
@@ -139,7 +141,8 @@ class Circle:
 
     def rim_gaps(self) -> np.ndarray:
         """(P,): distance to the rim of several, as mapped onto the unit disc and in their radii
-        there; below 0 for one that crosses it."""
+        there; below 0 for one that crosses it. Of an outline that distance, or to a corner in the
+        radii themselves, whichever is smaller."""
         with np.errstate(**OFF_SKIN):
             gaps = _gaps(self.mapped(as_in(EDGE_ANGLES[::ROUGH_STRIDE], self.radius), 0)[0])
             uncertain = ~(gaps >= ROUGH_MARGIN)
@@ -147,6 +150,24 @@ class Circle:
                 gaps[uncertain] = _gaps(
                     self.select(uncertain).mapped(as_in(EDGE_ANGLES, self.radius), 0)[0]
                 )
+        if self.geometry.outline:
+            return self._gaps_to_outline(gaps)
+        return gaps
+
+    def _gaps_to_outline(self, gaps: np.ndarray) -> np.ndarray:
+        """(P,): `gaps` where the circles lie within the outline; else, below 0, how far they reach
+        beyond, in radii: there the map says nothing."""
+        rim, corners = self.geometry.drawn_rim, self.geometry.corners
+        centre, radius = self.centre[:, 0], self.radius[:, 0]
+        if len(corners):
+            to_corner = np.abs(centre[:, None] - corners).min(axis=1)
+            gaps = np.minimum(gaps, np.abs(to_corner / radius - 1.0))
+        near = np.flatnonzero(~(distance(rim, centre) > radius) | ~inside(rim, centre))
+        if len(near):
+            edge = self.select(near).place(EDGE_ANGLES)
+            beyond = np.where(inside(rim, edge), 0.0, distance(rim, edge))
+            reach = beyond.max(axis=1) / radius[near]
+            gaps[near] = np.where(reach > 0, -reach, np.minimum(gaps[near], 0.0))
         return gaps
 
     def rim_gap(self) -> float:
@@ -308,6 +329,8 @@ class TouchEdge(Circle):
 
     def _lies_on_skin(self) -> bool:
         """Whether a part of the edge lies on the skin."""
+        if self.geometry.outline:
+            return bool(inside(self.geometry.drawn_rim, self.place(EDGE_ANGLES)).any())
         in_range = np.abs(self.geometry.unfold(self.place(EDGE_ANGLES))) <= self.disc.scale
         return bool((in_range & (self._rim_distance() > 0)).any())
 
@@ -315,40 +338,59 @@ class TouchEdge(Circle):
         """(512,): distance to the rim at EDGE_ANGLES, in radians of the edge; below 0 outside."""
         with np.errstate(**OFF_SKIN):
             zeta, tangent = self.mapped(EDGE_ANGLES, 1)
-            return (1.0 - np.abs(zeta)) / np.abs(tangent)
+            rim_distance = (1.0 - np.abs(zeta)) / np.abs(tangent)
+        if self.geometry.outline:
+            rim, place = self.geometry.drawn_rim, self.place(EDGE_ANGLES)
+            beyond = -distance(rim, place) / self.radius
+            rim_distance = np.where(inside(rim, place), np.abs(rim_distance), beyond)
+        return rim_distance
 
     def _clip(self, panels: PanelSizes, neighbour: Circle | None) -> None:
         rim_distance = self._rim_distance()
         outside = rim_distance < 0
         leaves = np.flatnonzero(~outside & np.roll(outside, -1))
         enters = np.flatnonzero(outside & np.roll(~outside, -1))
-        if len(leaves) != 1 or self.radius > 0.5 * self.geometry.radius_mm:
-            place = f"({self.touch.x_mm:g}, {self.touch.y_mm:g}) mm"
+        most = 1 if self.geometry.outline is None else MOST_ARCS
+        place = f"({self.touch.x_mm:g}, {self.touch.y_mm:g}) mm"
+        if not 1 <= len(leaves) <= most or self.radius > 0.5 * self.geometry.radius_mm:
             raise InputError("touch", "edge", f"{place} cut by the rim", "cut twice at most")
-        leave, enter = self._crossings(np.array([leaves[0], enters[0]]))
-        end = leave if leave > enter else leave + 2.0 * np.pi
-        self.t, self.weight = self.panels(enter, end, neighbour, _clearance(rim_distance), panels)
-        arc = self.mapped(np.concatenate([[enter, end], self.t]), 0)[0]
-        start = np.angle(arc[1])
-        stop = start + (np.angle(arc[0]) - start) % (2.0 * np.pi)
+        count = len(enters)
+        crossings = self._crossings(np.concatenate([enters, leaves]), np.repeat([-1.0, 1.0], count))
+        enter, leave = np.sort(crossings[:count]), crossings[count:]
+        length = (leave - enter[:, None]) % (2.0 * np.pi)
+        end = enter + length.min(axis=1)
+        arcs = [
+            self.panels(start, stop, neighbour, _clearance(rim_distance), panels)
+            for start, stop in zip(enter, end, strict=True)
+        ]
+        self.t, self.weight = map(np.concatenate, zip(*arcs, strict=True))
+        mapped = self.mapped(np.concatenate([enter, end, self.t]), 0)[0]
+        theta = np.angle(mapped[: 2 * count])
+        starts, stops = theta[count:], np.roll(theta[:count], -1)
+        spans = (stops - starts) % (2.0 * np.pi)
+        first_crossing = ((theta - starts[:, None]) % (2.0 * np.pi))
+        first_crossing = np.where(first_crossing > 0, first_crossing, np.inf).min(axis=1)
+        if (first_crossing < spans).any():
+            raise InputError("touch", "edge", f"{place} cut into pieces", "one piece")
+        scale = np.abs(mapped - mapped.mean()).max()
+        sizes = PanelSizes(panels.longest * scale, panels.shortest * scale, panels.nodes)
 
         def clearance(theta: np.ndarray) -> np.ndarray:
-            return np.abs(np.exp(1j * theta)[:, None] - arc).min(axis=1)
+            return np.abs(np.exp(1j * theta)[:, None] - mapped).min(axis=1)
 
-        scale = np.abs(arc - arc.mean()).max()
-        self.rim_theta, self.rim_weight = graded_panels(
-            start,
-            stop,
-            clearance,
-            PanelSizes(panels.longest * scale, panels.shortest * scale, panels.nodes),
-        )
+        parts = [
+            graded_panels(start, start + span, clearance, sizes)
+            for start, span in zip(starts, spans, strict=True)
+        ]
+        self.rim_theta, self.rim_weight = map(np.concatenate, zip(*parts, strict=True))
+        self.rim_arcs = np.stack([starts, spans])
 
-    def _crossings(self, bracket: np.ndarray) -> np.ndarray:
-        """Angles (2,) at which the edge crosses the rim. bracket (2,): indices of the EDGE_ANGLES
-        before them. Newton's method, with bisection where it leaves the bracket."""
+    def _crossings(self, bracket: np.ndarray, sign: np.ndarray) -> np.ndarray:
+        """Angles (K,) at which the edge crosses the rim. bracket (K,): indices of the EDGE_ANGLES
+        before them; sign (K,): 1 where these lie on the skin, else -1. Newton's method, with
+        bisection where it leaves the bracket."""
         low = EDGE_ANGLES[bracket]
         high, t = low + EDGE_ANGLES[1], low + 0.5 * EDGE_ANGLES[1]
-        sign = np.where(np.abs(self.mapped(low, 0)[0]) <= 1.0, 1.0, -1.0)
         for _ in range(MOST_NEWTON_STEPS):
             zeta, tangent = self.mapped(t, 1)
             size = np.abs(zeta)
@@ -439,8 +481,8 @@ class TouchEdge(Circle):
 
     def covers(self, rim: np.ndarray) -> np.ndarray:
         """(points,) bool: rim points within a clipped touch."""
-        start = self.rim_theta[0]
-        return (np.angle(rim) - start) % (2.0 * np.pi) < self.rim_theta[-1] - start
+        start, span = self.rim_arcs[:, :, None]
+        return ((np.angle(rim) - start) % (2.0 * np.pi) < span).any(axis=0)
 
     def inner_response(self, source: "TouchEdge") -> np.ndarray:
         """(2 degree, 2 degree of source): response of these multipoles to those of another touch,

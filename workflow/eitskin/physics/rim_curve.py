@@ -1,0 +1,272 @@
+"""Closed curves by their length: rims that are no circles.
+
+Angles phi run from 0 to 2 pi with the length from the first corner, counter-clockwise, so that an
+angle means the same on a disc and on any other rim: a share of its length.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
+
+from eitskin.errors import InputError
+
+MOST_CORNERS = 64  # of a rim with corners; one that was drawn by more points is smooth
+LEAST_TURN_DEG = 0.1  # of a corner; two sides with a smaller turn are straight on
+EVEN_POINTS = 800  # of a sampled rim, besides those at corners
+CENTRE_LATTICE = 61  # lines each way of the lattice that is searched for a place well within
+CROWDING = 4.0  # of the distances exp(-CROWDING (sqrt n - sqrt j)), j = 1 ... n
+SAMPLES_PER_POLE = 3  # of a rim at its corners
+SAMPLES = 2048  # of a smooth rim, evenly along its length
+MITRE_SHARE = 0.2  # of a side, over which a moved rim is drawn along itself towards a corner
+
+
+@dataclass(frozen=True)
+class RimCurve:
+    """A rim through points (x, y) in mm, counter-clockwise: with corners there, or smooth.
+
+    A smooth rim is a periodic quintic spline by the length of its chords. Raises InputError for
+    points that are no simple closed curve.
+    """
+
+    points_mm: tuple[tuple[float, float], ...]
+    smooth: bool = False
+
+    def __post_init__(self) -> None:
+        points = self.points
+        count = len(points)
+        repeated = np.flatnonzero(np.abs(self.steps) <= 1e-9 * np.abs(self.steps).sum())
+        if len(repeated):
+            place = f"corner {repeated[0]} at {_text(points[repeated[0]])} twice in a row"
+            raise InputError("skin", "outline", place, "every corner once")
+        if not self.smooth and count > MOST_CORNERS:
+            expected = f'{MOST_CORNERS} corners or fewer, or "smooth": true for a drawn rim'
+            raise InputError("skin", "outline", f"{count} corners", expected)
+        crossing = _crossing(points)
+        if crossing is not None:
+            sides = "sides {} and {}".format(*crossing)
+            raise InputError("skin", "outline", f"{sides} that meet", "a rim that does not cross")
+        if self.area_mm2 < 0:
+            raise InputError("skin", "outline", "clockwise corners", "counter-clockwise ones")
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """(K,) complex, mm."""
+        x, y = np.array(self.points_mm).T
+        return x + 1j * y
+
+    @property
+    def steps(self) -> np.ndarray:
+        """(K,) complex: from each point to the next."""
+        return np.roll(self.points, -1) - self.points
+
+    @cached_property
+    def area_mm2(self) -> float:
+        """Enclosed area; of a clockwise curve negative."""
+        place, slope, step = self._dense
+        return float(0.5 * (np.conj(place) * slope).imag.sum() * step)
+
+    @cached_property
+    def perimeter_mm(self) -> float:
+        """Length of the curve."""
+        return float(np.abs(self.steps).sum()) if not self.smooth else self._by_length[1]
+
+    @cached_property
+    def corner_phi(self) -> np.ndarray:
+        """(C,): angles of the corners, ascending; none of a smooth rim."""
+        if self.smooth:
+            return np.zeros(0)
+        turn_deg = np.degrees(np.abs(self._turns))
+        lengths = np.cumsum(np.abs(self.steps))
+        starts = np.append(0.0, lengths[:-1])
+        return 2.0 * np.pi / lengths[-1] * starts[turn_deg > LEAST_TURN_DEG]
+
+    def place(self, phi: np.ndarray, order: int = 0) -> np.ndarray:
+        """Points of the rim, mm, complex, or their derivative by phi of `order` <= 3."""
+        share = np.asarray(phi, float) % (2.0 * np.pi)
+        if self.smooth:
+            return _complex(self._by_length[0][order](share))
+        unit = self.perimeter_mm / (2.0 * np.pi)
+        side, along = self._side(share * unit)
+        direction = (self.steps / np.abs(self.steps))[side]
+        if order == 0:
+            return self.points[side] + along * direction
+        return unit * direction if order == 1 else np.zeros(share.shape, complex)
+
+    def normal(self, phi: np.ndarray, order: int = 0) -> np.ndarray:
+        """Unit normal, outwards, complex, or its derivative by phi of `order` <= 2."""
+        return -2j * np.pi / self.perimeter_mm * self.place(phi, order + 1)
+
+    def mitre(self, phi: np.ndarray, order: int = 0) -> np.ndarray:
+        """What a rim that moves along its normal by 1 moves along itself, or its derivative by phi
+        of `order` <= 2: so much at a corner that both sides still meet, 0 from MITRE_SHARE of a
+        side on; the shape that a small motion makes does not depend on it."""
+        share = np.asarray(phi, float) % (2.0 * np.pi)
+        total = np.zeros(share.shape)
+        if self.smooth:
+            return total
+        unit = self.perimeter_mm / (2.0 * np.pi)
+        side, along = self._side(share * unit)
+        length = np.abs(self.steps)[side]
+        reach = MITRE_SHARE * length
+        tangent = np.tan(0.5 * self._turns)
+        rise = -_fade(along / reach, order) * tangent[side]
+        fall = (-1.0) ** order * _fade((length - along) / reach, order)
+        fall = fall * tangent[(side + 1) % len(tangent)]
+        return (unit / reach) ** order * (rise + fall)
+
+    def mitred_normal(self, phi: np.ndarray, order: int = 0) -> np.ndarray:
+        """The motion of a rim that moves along its normal by 1: `normal` and `mitre` together, or
+        the derivative by phi of `order` <= 2."""
+        unit = 2.0 * np.pi / self.perimeter_mm
+        binomial = [[1], [1, 1], [1, 2, 1]][order]
+        along = sum(
+            binomial[n] * self.mitre(phi, n) * unit * self.place(phi, order - n + 1)
+            for n in range(order + 1)
+        )
+        return self.normal(phi, order) + along
+
+    @cached_property
+    def centre(self) -> complex:
+        """A place well within, and in the middle: of a lattice the point with the largest distance
+        from the rim over the root mean square of its distances to the lattice."""
+        corners = self._dense[0]
+        x, y = (
+            np.linspace(part.min(), part.max(), CENTRE_LATTICE + 2)[1:-1]
+            for part in (corners.real, corners.imag)
+        )
+        lattice = (x + 1j * y[:, None]).ravel()
+        lattice = lattice[inside(corners, lattice)]
+        spread = np.sqrt(np.abs(lattice - lattice.mean()) ** 2 + np.var(lattice))
+        return complex(lattice[np.argmax(distance(corners, lattice) / spread)])
+
+    def sampled_phi(self, corner_poles: int) -> tuple[np.ndarray, np.ndarray]:
+        """Angles that sample the rim, ascending, evenly and crowded on both sides of corners as so
+        many poles do; and indices of the corners among them."""
+        even = 2.0 * np.pi * np.arange(EVEN_POINTS) / EVEN_POINTS
+        corners = self.corner_phi
+        if not len(corners):
+            return even, np.zeros(0, int)
+        side = np.diff(np.append(corners, corners[0] + 2.0 * np.pi))
+        near = 0.5 * crowded(corner_poles, SAMPLES_PER_POLE)
+        offset = np.abs((even[:, None] - corners + np.pi) % (2.0 * np.pi) - np.pi).min(axis=1)
+        parts = [even[offset > 0.5 * even[1]], corners]
+        for corner, behind, before in zip(corners, side, np.roll(side, 1), strict=True):
+            parts += [corner + near * behind, corner - near * before]
+        phi = np.unique(np.concatenate(parts) % (2.0 * np.pi))
+        return phi, np.searchsorted(phi, corners % (2.0 * np.pi))
+
+    @cached_property
+    def _turns(self) -> np.ndarray:
+        """(K,) radians: by how much the direction turns at each point."""
+        return np.angle(self.steps / np.roll(self.steps, 1))
+
+    def _side(self, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Side at a length along the rim, and the length along that side."""
+        ends = np.cumsum(np.abs(self.steps))
+        side = np.minimum(np.searchsorted(ends, length, side="right"), len(ends) - 1)
+        return side, length - (ends - np.abs(self.steps))[side]
+
+    @cached_property
+    def _dense(self) -> tuple[np.ndarray, np.ndarray, float]:
+        """Points, slopes by a parameter and its step, for areas; of corners: those themselves."""
+        if not self.smooth:
+            return self.points, self.steps, 1.0
+        spline, end = self._spline
+        u = end * np.arange(SAMPLES) / SAMPLES
+        return _complex(spline(u)), _complex(spline(u, 1)), end / SAMPLES
+
+    @cached_property
+    def _spline(self) -> tuple[BSpline, float]:
+        """The spline of (x, y) by chord length, and the length of all chords."""
+        chord = np.append(0.0, np.cumsum(np.abs(self.steps)))
+        return _periodic_spline(chord, self.points), chord[-1]
+
+    @cached_property
+    def _by_length(self) -> tuple[list[BSpline], float]:
+        """Splines of (x, y) and its derivatives by phi, and the length in mm."""
+        spline, end = self._spline
+        u = end * np.arange(SAMPLES + 1) / SAMPLES
+        node, weight = np.polynomial.legendre.leggauss(6)
+        inner = u[:-1, None] + 0.5 * end / SAMPLES * (1.0 + node)
+        pieces = 0.5 * end / SAMPLES * np.abs(_complex(spline(inner, 1))) @ weight
+        length = np.append(0.0, np.cumsum(pieces))
+        share = np.arange(SAMPLES + 1) / SAMPLES
+        parameter = make_interp_spline(length, u, k=5)(length[-1] * share)
+        curve = _periodic_spline(2.0 * np.pi * share, _complex(spline(parameter[:-1])))
+        return [curve, *(curve.derivative(k) for k in (1, 2, 3))], float(length[-1])
+
+
+def _periodic_spline(parameter: np.ndarray, points: np.ndarray) -> BSpline:
+    """Quintic, of (x, y), through complex points (K,) at parameters (K + 1,), the last where it
+    closes."""
+    xy = np.stack([points.real, points.imag], axis=-1)
+    return make_interp_spline(parameter, np.vstack([xy, xy[:1]]), k=5, bc_type="periodic")
+
+
+def _complex(xy: np.ndarray) -> np.ndarray:
+    """x + i y of (..., 2)."""
+    return xy[..., 0] + 1j * xy[..., 1]
+
+
+def crowded(count: int, per_step: int = 1) -> np.ndarray:
+    """(count per_step,): ascending shares of a reach, the last 1, that crowd at 0 as poles at a
+    corner do (Gopal, Trefethen 2019, SIAM J. Numer. Anal. 57:2074)."""
+    step = np.arange(1, count * per_step + 1) / per_step
+    return np.exp(-CROWDING * (np.sqrt(count) - np.sqrt(step)))
+
+
+def inside(corners: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Whether complex points z lie within a polygon with complex corners (K,)."""
+    z = np.asarray(z, complex)
+    within = np.zeros(z.shape, bool)
+    for start, stop in zip(corners, np.roll(corners, -1), strict=True):
+        spans = (start.imag > z.imag) != (stop.imag > z.imag)
+        if spans.any():
+            rise = (z.imag[spans] - start.imag) / (stop.imag - start.imag)
+            crossing = start.real + rise * (stop.real - start.real)
+            within[spans] ^= z.real[spans] < crossing
+    return within
+
+
+def distance(corners: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Distance of complex points z from a polygon with complex corners (K,)."""
+    step = np.roll(corners, -1) - corners
+    offset = np.asarray(z)[..., None] - corners
+    along = np.clip((offset * np.conj(step)).real / np.abs(step) ** 2, 0.0, 1.0)
+    return np.abs(offset - along * step).min(axis=-1)
+
+
+def _fade(x: np.ndarray, order: int) -> np.ndarray:
+    """(1 - x)^3 (1 + 3 x + 6 x^2) for x from 0 to 1, 0 beyond, or its derivative: from 1 to 0,
+    flat at both ends."""
+    y = np.clip(x, 0.0, 1.0)
+    if order == 0:
+        return (1.0 - y) ** 3 * (1.0 + 3.0 * y + 6.0 * y**2)
+    if order == 1:
+        return -30.0 * y**2 * (1.0 - y) ** 2
+    return -60.0 * y * (1.0 - y) * (1.0 - 2.0 * y)
+
+
+def _crossing(points: np.ndarray) -> tuple[int, int] | None:
+    """Two sides of a closed polygon that meet without being neighbours; None for none."""
+    count = len(points)
+    start, step = points, np.roll(points, -1) - points
+    for i in range(count - 2):
+        others = np.arange(i + 2, count - (i == 0))
+        if not len(others):
+            continue
+        offset = start[others] - start[i]
+        cross = (np.conj(step[i]) * step[others]).imag
+        with np.errstate(divide="ignore", invalid="ignore"):
+            here = (np.conj(offset) * step[others]).imag / cross
+            there = (np.conj(offset) * step[i]).imag / cross
+        meet = (here >= 0) & (here <= 1) & (there >= 0) & (there <= 1)
+        if meet.any():
+            return i, int(others[np.argmax(meet)])
+    return None
+
+
+def _text(point: complex) -> str:
+    return f"({point.real:g}, {point.imag:g}) mm"
