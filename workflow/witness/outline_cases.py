@@ -90,7 +90,7 @@ OUTLINES: dict[str, tuple[dict[str, Any], list[tuple[float, float, float, float]
     ),
     "star": (
         {"kind": "polygon", "corners_mm": _round(_STAR_RADII, 0.5 * np.pi)},
-        [(0, 0, 7.5, 2.0), (5, 30, 5, 1.0), (-15, 22, 5, 1.5), (0, 64, 6, 0.5)],
+        [(0, 0, 7.5, 2.0), (5, 30, 5, 1.0), (-15, 22, 5, 1.5), (54, 19, 6, 0.5)],
     ),
     "hand": (
         _polygon(_hand()),

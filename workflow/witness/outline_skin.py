@@ -21,7 +21,7 @@ from witness.elements import Domain, Fineness, circle, seen_from
 from witness.outlines import Outline
 from witness.triangles import Curve, Sizes, triangulate, within
 
-FINE = Fineness(6, 1e-4, 0.025, 0.25, 0.25, 0.15, 5e-4, 0.7, 1.0)
+FINE = Fineness(6, 1e-4, 0.025, 0.25, 0.25, 0.15, 5e-4, 0.7, 0.85)
 CORNER = 1e-9  # the wanted side at a corner to twice the field's power, of its side's length
 LEAST_SIDE = 1e-6  # below it, the triangulation's rounding shows
 SAMPLES = 2048  # of the rim, where distances and crossings are looked for
@@ -167,6 +167,12 @@ def _corner_angles(skin: OutlineSkin) -> np.ndarray:
     return 2.0 * np.pi * skin.outline.ends[skin.outline.corners]
 
 
+def _to_next(angles: np.ndarray) -> np.ndarray:
+    """(N,): the distance of each of N ascending angles to its nearer neighbour."""
+    after = np.diff(np.append(angles, angles[:1] + 2.0 * np.pi))
+    return np.maximum(np.minimum(after, np.roll(after, 1)), LEAST_SIDE)
+
+
 def _rim_sizes(skin: OutlineSkin) -> list[tuple[np.ndarray, np.ndarray]]:
     """Places and wanted sides at them for the rim, its corners and its electrodes."""
     fine, outline = skin.fineness, skin.outline
@@ -207,8 +213,9 @@ class _Meshed:
         circles = [*self.touches, *self.pads]
         crossings = [_crossings(skin, *c) for c in circles]
         ends = [skin.spans.ravel(), 2.0 * np.pi * skin.outline.ends, *crossings]
-        rim = Curve(skin.rim_place, lambda phi: np.ones(np.shape(phi)), np.concatenate(ends))
-        sized, curves = _rim_sizes(skin), [rim]
+        fixed = np.unique(np.concatenate(ends) % (2.0 * np.pi))
+        rim = Curve(skin.rim_place, lambda phi: np.ones(np.shape(phi)), fixed)
+        sized, curves = [*_rim_sizes(skin), (skin.rim_place(fixed), _to_next(fixed))], [rim]
         for number, met in enumerate(crossings):
             arcs, sizes = self._circle(circles, number, met)
             curves, sized = curves + arcs, [*sized, *sizes]
@@ -243,7 +250,9 @@ class _Meshed:
             side = min(side, 0.5e3 * float(layer_m) / skin.outline.unit_mm)
         crossing = centre + radius * np.exp(1j * np.concatenate(fixed))
         sides = np.minimum(side, np.maximum(fine.gap * gap, least))
-        sizes = [(even, sides), (crossing, np.full(len(crossing), least))]
+        angle, first = np.unique(np.angle(crossing - centre), return_index=True)
+        close = radius * _to_next(angle)
+        sizes = [(even, sides), (crossing[first], np.minimum(close, least))]
         if not len(met):
             if not within(even[:1], skin.samples)[0]:
                 if within(np.array([centre]), skin.samples)[0]:
@@ -303,7 +312,7 @@ class _Meshed:
         for label, stiffness in self._regions:
             matrix = matrix + float(np.prod(1.0 + np.asarray(contrasts)[label])) * stiffness
         admittance = np.diag(admittances) - seen_from(matrix.tocsc(), csc_matrix(loads))
-        admittance = 0.5 * (admittance + admittance.T) * self.skin.siemens
+        admittance *= self.skin.siemens
         # The level of all potentials is free, and leaves the readings as they are.
         impedance = np.linalg.inv(admittance + np.abs(admittance).max())
         source, sink, plus, minus = np.asarray(channels).T

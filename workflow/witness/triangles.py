@@ -15,6 +15,7 @@ from scipy.spatial import Delaunay, cKDTree
 SLOPE = 1.0  # growth of the wanted size with the distance from a fine region
 THIN = 1.5  # circumradius over shortest side, above which a triangle is refined
 ROUNDS = 60  # of refinement at most; a mesh needs some twenty
+COINCIDENT = 1e-12  # the distance of nodes that are the same
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,7 @@ class Curve:
         ends = np.unique(self.fixed if self.is_arc else self.fixed % (2.0 * np.pi))
         if not self.is_arc:
             ends = np.append(ends, ends[0] + 2.0 * np.pi)
+        ends = ends[np.append(True, np.diff(ends) > COINCIDENT)]
         angles = []
         for start, stop in pairwise(ends):
             # Fine towards the ends, where the wanted size may be tiny.
@@ -124,7 +126,7 @@ def _on_curves(
             distance, nearest_node = cKDTree(np.column_stack([place.real, place.imag])).query(
                 np.column_stack([curve_places.real, curve_places.imag])
             )
-            is_shared = distance < 1e-12
+            is_shared = distance < COINCIDENT
             index = np.where(is_shared, nearest_node, len(place) + np.cumsum(~is_shared) - 1)
             curve_places = curve_places[~is_shared]
         nodes.append(index if curve.is_arc else np.append(index, index[0]))
