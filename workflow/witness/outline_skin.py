@@ -76,7 +76,8 @@ class OutlineSkin:
         middle = 2.0 * np.pi * np.array([e.share for e in at_rim])
         half = np.array([e.width_mm for e in at_rim]) / (2.0 * unit)
         self.spans = np.column_stack([middle - half, middle + half])
-        self.samples = self.rim_place(2.0 * np.pi * np.arange(SAMPLES) / SAMPLES)
+        even = 2.0 * np.pi * np.arange(SAMPLES) / SAMPLES
+        self.samples = self.rim_place(np.union1d(even, _corner_angles(self)))
         for number, disc in enumerate(self.inner):
             centre, radius = self.round(disc)
             if not within(np.array([centre]), self.samples)[0] or (
@@ -167,6 +168,14 @@ def _corner_angles(skin: OutlineSkin) -> np.ndarray:
     return 2.0 * np.pi * skin.outline.ends[skin.outline.corners]
 
 
+def _to_polygon(x: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """(N,): the distance of places x (N,) from a closed polygon's sides."""
+    side = np.roll(corners, -1) - corners
+    from_start = x[:, None] - corners
+    share = np.clip((np.conj(side) * from_start).real / np.abs(side) ** 2, 0.0, 1.0)
+    return np.abs(from_start - share * side).min(axis=1)
+
+
 def _to_next(angles: np.ndarray) -> np.ndarray:
     """(N,): the distance of each of N ascending angles to its nearer neighbour."""
     after = np.diff(np.append(angles, angles[:1] + 2.0 * np.pi))
@@ -230,47 +239,61 @@ class _Meshed:
     def _circle(
         self, circles: list[tuple[complex, float]], number: int, met: np.ndarray
     ) -> tuple[list[Curve], list[tuple[np.ndarray, np.ndarray]]]:
-        """The parts of a circle on the skin, and places with wanted sides for them."""
-        skin, fine = self.skin, self.skin.fineness
+        """The parts of a circle on the skin, and places with wanted sides for them; met: the rim's
+        angles where it meets the circle."""
+        skin = self.skin
         centre, radius = circles[number]
-        even = centre + radius * np.exp(2j * np.pi * np.arange(96) / 96)
-        gap = np.abs(even[:, None] - skin.samples).min(axis=1)
-        fixed, least = [np.angle(skin.rim_place(met) - centre)], fine.crossing * radius
-        for other, (middle, size) in enumerate(circles):
+        ends = np.sort(np.angle(skin.rim_place(met) - centre) % (2.0 * np.pi))
+        fixed = [ends]
+        for k, (middle, size) in enumerate(circles):
             distance = abs(middle - centre)
-            if other != number and abs(radius - size) < distance < radius + size:
+            if k != number and abs(radius - size) < distance < radius + size:
                 turn = np.arccos((distance**2 + radius**2 - size**2) / (2.0 * distance * radius))
-                fixed.append(np.angle(middle - centre) + np.array([-turn, turn]))
-            if other != number:
-                gap = np.minimum(gap, np.abs(np.abs(even - middle) - size))
-        side = fine.circle * radius
-        if number >= len(self.touches):
-            pad = skin.inner[number - len(self.touches)]
-            layer_m = np.sqrt(pad.impedivity_ohm_m2 * skin.siemens)
-            side = min(side, 0.5e3 * float(layer_m) / skin.outline.unit_mm)
-        crossing = centre + radius * np.exp(1j * np.concatenate(fixed))
-        sides = np.minimum(side, np.maximum(fine.gap * gap, least))
-        angle, first = np.unique(np.angle(crossing - centre), return_index=True)
-        close = radius * _to_next(angle)
-        sizes = [(even, sides), (crossing[first], np.minimum(close, least))]
-        if not len(met):
-            if not within(even[:1], skin.samples)[0]:
-                if within(np.array([centre]), skin.samples)[0]:
-                    return [], []
-                raise ValueError(f"circle {number} does not meet the skin")
-            angles = np.concatenate(fixed)
-            return [
-                circle(centre, radius, angles if len(angles) else np.array([0.0, np.pi]))
-            ], sizes
-        ends = np.sort(fixed[0])
+                fixed.append((np.angle(middle - centre) + np.array([-turn, turn])) % (2.0 * np.pi))
+        crossings = np.unique(np.concatenate(fixed))
+        sizes = self._circle_sizes(circles, number, crossings)
+        if not len(ends):
+            if within(np.array([centre + radius]), skin.samples)[0]:
+                angles = crossings if len(crossings) else np.array([0.0, np.pi])
+                return [circle(centre, radius, angles)], sizes
+            if np.abs(skin.samples - centre).min() < radius:
+                return [], []
+            raise ValueError(f"circle {number} does not meet the skin")
         arcs = []
         for start, stop in zip(ends, np.append(ends[1:], ends[0] + 2.0 * np.pi), strict=True):
             middle = centre + radius * np.exp(0.5j * (start + stop))
             if within(np.array([middle]), skin.samples)[0]:
-                others = start + (np.concatenate(fixed) - start) % (2.0 * np.pi)
-                inner = others[(others > start + 1e-9) & (others < stop - 1e-9)]
+                after = start + (crossings - start) % (2.0 * np.pi)
+                inner = after[(after > start) & (after < stop)]
                 arcs.append(circle(centre, radius, np.array([start, *inner, stop]), True))
         return arcs, sizes
+
+    def _circle_sizes(
+        self, circles: list[tuple[complex, float]], number: int, crossings: np.ndarray
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Places with wanted sides for a circle and its ascending angles of crossings."""
+        skin, fine = self.skin, self.skin.fineness
+        centre, radius = circles[number]
+        side, least = fine.circle * radius, fine.crossing * radius
+        if number >= len(self.touches):
+            pad = skin.inner[number - len(self.touches)]
+            layer_m = np.sqrt(pad.impedivity_ohm_m2 * skin.siemens)
+            side = min(side, 0.5e3 * float(layer_m) / skin.outline.unit_mm)
+        step = 2.0 * np.pi / 96
+        towards = step * 0.5 ** np.arange(12)
+        angles = (crossings[:, None] + np.append(towards, -towards)).ravel()
+        places = centre + radius * np.exp(1j * np.append(step * np.arange(96), angles))
+        gap = _to_polygon(places, skin.samples)
+        for k, (middle, size) in enumerate(circles):
+            if k != number:
+                gap = np.minimum(gap, np.abs(np.abs(places - middle) - size))
+        return [
+            (places, np.minimum(side, np.maximum(fine.gap * gap, least))),
+            (
+                centre + radius * np.exp(1j * crossings),
+                np.minimum(radius * _to_next(crossings), least),
+            ),
+        ]
 
     @cached_property
     def _regions(self) -> list[tuple[np.ndarray, csc_matrix]]:

@@ -1,8 +1,8 @@
 """Unstructured meshes of a skin: triangles that follow its rim, its electrodes' ends and circles.
 
 Delaunay triangulation of the curves' nodes, refined by circumcentres until every triangle has the
-size wanted at its place and none is thin (Chew 1989, Ruppert 1995); curves are never split. Complex
-places in units of the skin's radius.
+size wanted at its place and none is thin (Chew 1989, Ruppert 1995); a curve's sides are halved only
+where no triangle has them. Complex places in units of the skin's radius.
 """
 
 from collections.abc import Callable
@@ -14,6 +14,7 @@ from scipy.spatial import Delaunay, cKDTree
 
 SLOPE = 1.0  # growth of the wanted size with the distance from a fine region
 THIN = 1.5  # circumradius over shortest side, above which a triangle is refined
+HALVINGS = 8  # of the sides that no triangle has, at most
 ROUNDS = 60  # of refinement at most; a mesh needs some twenty
 COINCIDENT = 1e-12  # the distance of nodes that are the same
 
@@ -101,14 +102,14 @@ def _triangles_within(place: np.ndarray, rim: np.ndarray) -> np.ndarray:
     return corners[~outside]
 
 
-def _missing_sides(corners: np.ndarray, nodes: list[np.ndarray], count: int) -> int:
-    """The number of the curves' sides that are not sides of a triangle."""
+def _missing_sides(corners: np.ndarray, nodes: list[np.ndarray], count: int) -> list[np.ndarray]:
+    """(K,): of every curve, whether its sides are not sides of a triangle."""
     sides = np.sort(np.vstack([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]), axis=1)
-    have = set((sides[:, 0] * count + sides[:, 1]).tolist())
-    lacking = 0
+    have = np.unique(sides[:, 0] * count + sides[:, 1])
+    lacking = []
     for curve in nodes:
         pairs = np.sort(np.column_stack([curve[:-1], curve[1:]]), axis=1)
-        lacking += len(set((pairs[:, 0] * count + pairs[:, 1]).tolist()) - have)
+        lacking.append(~np.isin(pairs[:, 0] * count + pairs[:, 1], have))
     return lacking
 
 
@@ -143,12 +144,33 @@ def triangulate(
     """The mesh within the first curve, the rim; others lie inside it and may cross at `fixed`.
 
     size: the wanted side of a triangle at places; start: initial places within the rim, used where
-    they are far enough from the curves; rim: the angles (K + 1,) of the rim's nodes. Raises
-    ValueError where no mesh follows all curves.
+    they are far enough from the curves; rim: the angles (K + 1,) of the rim's nodes,
+    to which none is added. Raises ValueError where no mesh follows all curves.
     """
     angles = [curve.nodes(size) for curve in curves[1:]]
     angles.insert(0, curves[0].nodes(size) if rim is None else rim)
-    place, nodes = _on_curves(curves, angles)
+    for _ in range(HALVINGS):
+        place, nodes = _on_curves(curves, angles)
+        place, corners = _refined(place, nodes, size, start)
+        missing = _missing_sides(corners, nodes, len(place))
+        lacking = sum(int(sides.sum()) for sides in missing)
+        if not lacking:
+            return Mesh(place, corners, nodes, angles)
+        if rim is not None and missing[0].any():
+            break
+        for k, sides in enumerate(missing):
+            middle = 0.5 * (angles[k][1:] + angles[k][:-1])
+            angles[k] = np.sort(np.append(angles[k], middle[sides]))
+    raise ValueError(f"no mesh follows the curves: {lacking} sides are missing")
+
+
+def _refined(
+    place: np.ndarray,
+    nodes: list[np.ndarray],
+    size: Callable[[np.ndarray], np.ndarray],
+    start: np.ndarray | None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places (P,), those on curves first, and triangles (T, 3) of the wanted sizes."""
     fixed = len(place)
     rim_nodes = nodes[0][:-1]
     sides = [(place[curve[:-1]], place[curve[1:]]) for curve in nodes]
@@ -183,10 +205,7 @@ def triangulate(
         place = np.concatenate([place, new])
     place = _smoothed(place, corners, fixed)
     corners = _triangles_within(place, rim_nodes)
-    lacking = _missing_sides(corners, nodes, len(place))
-    if lacking:
-        raise ValueError(f"no mesh follows the curves: {lacking} sides are missing")
-    return Mesh(place, corners, nodes, angles)
+    return place, corners
 
 
 def within(x: np.ndarray, rim: np.ndarray) -> np.ndarray:
