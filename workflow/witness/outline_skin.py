@@ -23,7 +23,7 @@ from witness.triangles import Curve, Sizes, triangulate, within
 
 FINE = Fineness(6, 1e-4, 0.025, 0.25, 0.25, 0.15, 5e-4, 0.7, 0.85)
 CORNER = 1e-9  # the wanted side at a corner to twice the field's power, of its side's length
-LEAST_SIDE = 1e-6  # below it, the triangulation's rounding shows
+LEAST_SIDE = 4e-7  # below a half of it, the triangulation's rounding shows
 SAMPLES = 2048  # of the rim, where distances and crossings are looked for
 
 
@@ -200,9 +200,8 @@ def _rim_sizes(skin: OutlineSkin) -> list[tuple[np.ndarray, np.ndarray]]:
     power = np.minimum(np.pi / outline.angles[outline.corners], 2.0)
     lengths = np.diff(np.append(corner, corner[:1] + 2.0 * np.pi))
     shortest = np.minimum(lengths, np.roll(lengths, 1))
-    corner_sides = np.maximum(
-        shortest * (CORNER * fine.end / FINE.end) ** (0.5 / power), LEAST_SIDE
-    )
+    coarse = fine.end / FINE.end
+    corner_sides = np.maximum(shortest * (CORNER * coarse) ** (0.5 / power), LEAST_SIDE * coarse)
     half = 0.5 * np.diff(skin.spans, axis=1)[:, 0]
     under = (skin.spans.mean(axis=1)[:, None] + half[:, None] * np.linspace(-0.9, 0.9, 7)).ravel()
     return [
