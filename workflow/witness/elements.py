@@ -16,21 +16,70 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss
 from scipy.sparse import bmat, coo_matrix, csc_matrix, hstack
 from scipy.sparse.linalg import SuperLU, splu
-from skfem import Basis, BilinearForm, ElementTriP2, ElementTriP3, ElementTriP4, MeshTri, MeshTri2
+from skfem import (
+    Basis,
+    BilinearForm,
+    ElementH1,
+    ElementTriP2,
+    ElementTriP3,
+    ElementTriP4,
+    LinearForm,
+    MeshTri,
+    MeshTri2,
+)
 from skfem.helpers import grad
+from skfem.refdom import RefTri
 
 from witness.boundary import Disc, Radial
 from witness.curves import Shape
-from witness.triangles import Curve, Mesh, Sizes, triangulate
+from witness.triangles import SLOPE, Curve, Mesh, Sizes, triangulate
 
-ELEMENTS = {2: ElementTriP2, 3: ElementTriP3, 4: ElementTriP4}
+
+class _Lagrange(ElementH1):  # type: ignore[misc]  # skfem has no types
+    """Polynomials of an order on a triangle by their values at even nodes: the corners', the
+    sides', from the lower corner to the higher, and the inner ones."""
+
+    nodal_dofs = 1
+    refdom = RefTri
+
+    def __init__(self, order: int):
+        self.maxdeg, self.facet_dofs = order, order - 1
+        self.interior_dofs = (order - 1) * (order - 2) // 2
+        share = np.arange(1, order) / order
+        zero = np.zeros(order - 1)
+        i, j = np.array([(i, j) for j in range(1, order) for i in range(1, order - j)]).T / order
+        x = np.concatenate([[0.0, 1.0, 0.0], share, 1.0 - share, zero, i])
+        y = np.concatenate([[0.0, 0.0, 1.0], zero, share, share, j])
+        self.doflocs = np.column_stack([x, y])
+        self.dofnames = ["u"] * (1 + self.facet_dofs + self.interior_dofs)
+        self._powers = [(a, b) for a in range(order + 1) for b in range(order + 1 - a)]
+        self._factors = np.linalg.inv(np.array([x**a * y**b for a, b in self._powers]).T)
+
+    def lbasis(self, X: np.ndarray, i: int) -> tuple[np.ndarray, np.ndarray]:
+        """Values and gradient of shape function i at places X (2, ...)."""
+        x, y = X
+        terms = list(zip(self._factors[:, i], self._powers, strict=True))
+        value = sum(f * x**a * y**b for f, (a, b) in terms)
+        by_x = sum(f * a * x ** (a - 1) * y**b for f, (a, b) in terms if a)
+        by_y = sum(f * b * x**a * y ** (b - 1) for f, (a, b) in terms if b)
+        return value, np.array([by_x, by_y])
+
+
+ELEMENTS = {
+    2: ElementTriP2,
+    3: ElementTriP3,
+    4: ElementTriP4,
+    5: lambda: _Lagrange(5),
+    6: lambda: _Lagrange(6),
+}
 
 
 @dataclass(frozen=True)
 class Fineness:
     """Order of the elements; wanted sides: at an electrode's ends (of its half width), of the rim,
     anywhere and under an electrode (of the skin's radius), on a circle (of its radius), where
-    circles cross (of the smaller radius), in a gap (of the gap)."""
+    circles cross (of the smaller radius), in a gap (of the gap); how sides grow with the distance
+    from fine places."""
 
     order: int = 4
     end: float = 0.008
@@ -40,6 +89,7 @@ class Fineness:
     circle: float = 0.26
     crossing: float = 0.02
     gap: float = 0.7
+    slope: float = SLOPE
 
 
 def _conducted(u: Any, v: Any, w: Any) -> Any:
@@ -50,6 +100,8 @@ def _conducted(u: Any, v: Any, w: Any) -> Any:
 
 
 _stiffness = BilinearForm(_conducted)
+_mass = BilinearForm(lambda u, v, w: u * v)
+_load = LinearForm(lambda v, w: v)
 
 
 def _trace(order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -88,7 +140,7 @@ class Domain:
         count = flat.p.shape[1]
         have = flat.facets[0] * count + flat.facets[1]
         order = np.argsort(have)
-        pairs = np.sort(np.column_stack([nodes, np.roll(nodes, -1)]), axis=1)
+        pairs = np.sort(np.column_stack([nodes[:-1], nodes[1:]]), axis=1)
         return order[np.searchsorted(have[order], pairs[:, 0] * count + pairs[:, 1])]
 
     def matrix(self, form: BilinearForm, triangles: np.ndarray, **values: Any) -> csc_matrix:
@@ -135,6 +187,11 @@ class Domain:
         load = np.zeros(self.size)
         np.add.at(load, dofs, weight[sides] @ values)
         return mass, load
+
+    def area_part(self, triangles: np.ndarray) -> tuple[csc_matrix, np.ndarray]:
+        """Mass matrix and integrals of the shape functions over some triangles."""
+        basis = Basis(self.fem, self.element, intorder=2 * self.order, elements=triangles)
+        return _mass.assemble(basis).tocsc(), _load.assemble(basis)
 
 
 def factored(matrix: csc_matrix, order: str = "MMD_AT_PLUS_A") -> SuperLU:
@@ -201,9 +258,9 @@ class Body:
             np.full(len(rim_angles), rim),
             np.full(len(electrode_angles), fine.arc),
         ]
-        self.sizes = Sizes(points, np.concatenate(sides), fine.max_size)
+        self.sizes = Sizes(points, np.concatenate(sides), fine.max_size, fine.slope)
         mesh = triangulate([self.rim], self.sizes)
-        self.start = mesh.place[len(mesh.nodes[0]) :]
+        self.start = mesh.place[len(mesh.nodes[0]) - 1 :]
         self.empty = mesh
 
     def contact(self, length: np.ndarray) -> np.ndarray:
@@ -257,16 +314,20 @@ def circles(body: Body, discs: tuple[Disc, ...]) -> tuple[list[Curve], Sizes]:
                 gap = np.minimum(gap, np.abs(np.abs(places - centre_other) - size))
         point_list.append(places)
         side_list.append(np.minimum(fine.circle * radius, fine.gap * gap))
-        curves.append(_circle(centre, radius, np.array(fixed or [0.0, np.pi])))
+        curves.append(circle(centre, radius, np.array(fixed or [0.0, np.pi])))
     every_at = np.concatenate([body.sizes.points, *point_list])
-    return curves, Sizes(every_at, np.concatenate([body.sizes.sides, *side_list]), fine.max_size)
+    return curves, Sizes(
+        every_at, np.concatenate([body.sizes.sides, *side_list]), fine.max_size, fine.slope
+    )
 
 
-def _circle(centre: complex, radius: float, fixed: np.ndarray) -> Curve:
+def circle(centre: complex, radius: float, fixed: np.ndarray, is_arc: bool = False) -> Curve:
+    """A circle, or its arc from the least to the largest fixed angle."""
     return Curve(
         lambda phi: centre + radius * np.exp(1j * phi),
         lambda phi: np.full(np.shape(phi), radius),
         fixed,
+        is_arc,
     )
 
 

@@ -234,7 +234,7 @@ class Place:
         self.body, self.discs = body, discs
         self.flat = body.base
         if discs:
-            self.flat = elements.Place(body.flat, discs, body.flat.empty.angles[0][:-1])
+            self.flat = elements.Place(body.flat, discs, body.flat.empty.angles[0])
         # A touch through the full depth couples no sheets: only the far ones matter to it.
         self.sheet_count = body.far if body.solid.dent == 1.0 else len(body.layers.eigen)
         self._cached: tuple | None = None

@@ -1,34 +1,46 @@
 """Unstructured meshes of a skin: triangles that follow its rim, its electrodes' ends and circles.
 
 Delaunay triangulation of the curves' nodes, refined by circumcentres until every triangle has the
-size wanted at its place and none is thin (Chew 1989, Ruppert 1995); curves are never split. Complex
-places in units of the skin's radius.
+size wanted at its place and none is thin (Chew 1989, Ruppert 1995); a curve's sides are halved only
+where no triangle has them. Complex places in units of the skin's radius.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.spatial import Delaunay, cKDTree
 
 SLOPE = 1.0  # growth of the wanted size with the distance from a fine region
 THIN = 1.5  # circumradius over shortest side, above which a triangle is refined
+HALVINGS = 8  # of the sides that no triangle has, at most
 ROUNDS = 60  # of refinement at most; a mesh needs some twenty
+COINCIDENT = 1e-12  # the distance of nodes that are the same
 
 
 @dataclass(frozen=True)
 class Curve:
-    """A closed curve, its place and speed |dz/dphi| by the angle, and angles that must be nodes."""
+    """A curve, its place and speed |dz/dphi| by the angle, and angles that must be nodes.
+
+    It is closed, of period 2 pi, or, where it is an arc, goes from its least fixed angle to its
+    largest.
+    """
 
     place: Callable[[np.ndarray], np.ndarray]
     speed: Callable[[np.ndarray], np.ndarray]
     fixed: np.ndarray
+    is_arc: bool = False
 
     def nodes(self, size: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-        """Ascending angles of nodes with distances `size` at their places."""
-        ends = np.unique(self.fixed % (2.0 * np.pi))
+        """(K + 1,): ascending angles of nodes with distances `size` at their places; the last is an
+        arc's end, or one turn after the first."""
+        ends = np.unique(self.fixed if self.is_arc else self.fixed % (2.0 * np.pi))
+        if not self.is_arc:
+            ends = np.append(ends, ends[0] + 2.0 * np.pi)
+        ends = ends[np.append(True, np.diff(ends) > COINCIDENT)]
         angles = []
-        for start, stop in zip(ends, np.append(ends[1:], ends[0] + 2.0 * np.pi), strict=True):
+        for start, stop in pairwise(ends):
             # Fine towards the ends, where the wanted size may be tiny.
             t = np.linspace(0.0, 1.0, 2001)
             phi = start + (stop - start) * (t * t * (3.0 - 2.0 * t))
@@ -36,30 +48,31 @@ class Curve:
             count = np.append(0.0, np.cumsum(0.5 * (steps[1:] + steps[:-1]) * np.diff(phi)))
             panel_count = max(1, int(np.ceil(count[-1])))
             angles.append(np.interp(count[-1] * np.arange(panel_count) / panel_count, count, phi))
-        return np.concatenate(angles)
+        return np.concatenate([*angles, ends[-1:]])
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """Wanted sides of triangles: sides[k] at points[k], growing by SLOPE with the distance up to
+    """Wanted sides of triangles: sides[k] at points[k], growing by `slope` with the distance up to
     `max_size`."""
 
     points: np.ndarray
     sides: np.ndarray
     max_size: float
+    slope: float = SLOPE
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """The wanted side at places x."""
         sides = np.full(x.shape, self.max_size)
         for point, side in zip(self.points, self.sides, strict=True):
-            sides = np.minimum(sides, side + SLOPE * np.abs(x - point))
+            sides = np.minimum(sides, side + self.slope * np.abs(x - point))
         return sides
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """place (P,); corners (T, 3); of each curve its nodes (K,), in order, and the nodes' angles
-    (K + 1,), the last one turn after the first."""
+    """place (P,); corners (T, 3); of each curve its nodes (K + 1,), in order, and their angles; of
+    a closed curve the last is the first, one turn later."""
 
     place: np.ndarray
     corners: np.ndarray
@@ -89,14 +102,14 @@ def _triangles_within(place: np.ndarray, rim: np.ndarray) -> np.ndarray:
     return corners[~outside]
 
 
-def _missing_sides(corners: np.ndarray, nodes: list[np.ndarray], count: int) -> int:
-    """The number of the curves' sides that are not sides of a triangle."""
+def _missing_sides(corners: np.ndarray, nodes: list[np.ndarray], count: int) -> list[np.ndarray]:
+    """(K,): of every curve, whether its sides are not sides of a triangle."""
     sides = np.sort(np.vstack([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]), axis=1)
-    have = set((sides[:, 0] * count + sides[:, 1]).tolist())
-    lacking = 0
+    have = np.unique(sides[:, 0] * count + sides[:, 1])
+    lacking = []
     for curve in nodes:
-        pairs = np.sort(np.column_stack([curve, np.roll(curve, -1)]), axis=1)
-        lacking += len(set((pairs[:, 0] * count + pairs[:, 1]).tolist()) - have)
+        pairs = np.sort(np.column_stack([curve[:-1], curve[1:]]), axis=1)
+        lacking.append(~np.isin(pairs[:, 0] * count + pairs[:, 1], have))
     return lacking
 
 
@@ -104,20 +117,20 @@ def _on_curves(
     curves: list[Curve], angles: list[np.ndarray]
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """The places (P,) of the curves' nodes at their angles, with common nodes once, and the nodes
-    (K,) of each curve among them."""
+    (K + 1,) of each curve among them."""
     place = np.zeros(0, complex)
     nodes = []
     for curve, phi in zip(curves, angles, strict=True):
-        curve_places = curve.place(phi)
+        curve_places = curve.place(phi if curve.is_arc else phi[:-1])
         index = np.arange(len(place), len(place) + len(curve_places))
         if len(place):
             distance, nearest_node = cKDTree(np.column_stack([place.real, place.imag])).query(
                 np.column_stack([curve_places.real, curve_places.imag])
             )
-            is_shared = distance < 1e-12
+            is_shared = distance < COINCIDENT
             index = np.where(is_shared, nearest_node, len(place) + np.cumsum(~is_shared) - 1)
             curve_places = curve_places[~is_shared]
-        nodes.append(index)
+        nodes.append(index if curve.is_arc else np.append(index, index[0]))
         place = np.concatenate([place, curve_places])
     return place, nodes
 
@@ -131,14 +144,36 @@ def triangulate(
     """The mesh within the first curve, the rim; others lie inside it and may cross at `fixed`.
 
     size: the wanted side of a triangle at places; start: initial places within the rim, used where
-    they are far enough from the curves; rim: the angles of the rim's nodes. Raises ValueError where
-    no mesh follows all curves.
+    they are far enough from the curves; rim: the angles (K + 1,) of the rim's nodes,
+    to which none is added. Raises ValueError where no mesh follows all curves.
     """
     angles = [curve.nodes(size) for curve in curves[1:]]
     angles.insert(0, curves[0].nodes(size) if rim is None else rim)
-    place, nodes = _on_curves(curves, angles)
+    for _ in range(HALVINGS):
+        place, nodes = _on_curves(curves, angles)
+        place, corners = _refined(place, nodes, size, start)
+        missing = _missing_sides(corners, nodes, len(place))
+        lacking = sum(int(sides.sum()) for sides in missing)
+        if not lacking:
+            return Mesh(place, corners, nodes, angles)
+        if rim is not None and missing[0].any():
+            break
+        for k, sides in enumerate(missing):
+            middle = 0.5 * (angles[k][1:] + angles[k][:-1])
+            angles[k] = np.sort(np.append(angles[k], middle[sides]))
+    raise ValueError(f"no mesh follows the curves: {lacking} sides are missing")
+
+
+def _refined(
+    place: np.ndarray,
+    nodes: list[np.ndarray],
+    size: Callable[[np.ndarray], np.ndarray],
+    start: np.ndarray | None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places (P,), those on curves first, and triangles (T, 3) of the wanted sizes."""
     fixed = len(place)
-    sides = [(place[curve], place[np.roll(curve, -1)]) for curve in nodes]
+    rim_nodes = nodes[0][:-1]
+    sides = [(place[curve[:-1]], place[curve[1:]]) for curve in nodes]
     middle = np.concatenate([0.5 * (a + b) for a, b in sides])
     half = np.concatenate([0.5 * np.abs(a - b) for a, b in sides])
     tree = cKDTree(np.column_stack([middle.real, middle.imag]))
@@ -148,7 +183,7 @@ def triangulate(
         clear = nearest[0] > np.maximum(1.1 * half[nearest[1]], 0.5 * size(start))
         place = np.concatenate([place, start[clear]])
     for _ in range(ROUNDS):
-        corners = _triangles_within(place, nodes[0])
+        corners = _triangles_within(place, rim_nodes)
         a, b, c = place[corners].T
         centre = _circumcentre(a, b, c)
         radius = np.abs(centre - a)
@@ -162,29 +197,26 @@ def triangulate(
         free = np.ones(len(centres), bool)
         for i, nearest in enumerate(tree.query_ball_point(spots, widest)):
             free[i] = np.all(np.abs(centres[i] - middle[nearest]) > 1.02 * half[nearest])
-        free &= _within(centres, place[nodes[0]])
+        free &= within(centres, place[rim_nodes])
         centres, reach = centres[free], radius[worst][free]
         new = _well_separated(centres, 0.9 * reach)
         if not len(new):
             break
         place = np.concatenate([place, new])
     place = _smoothed(place, corners, fixed)
-    corners = _triangles_within(place, nodes[0])
-    lacking = _missing_sides(corners, nodes, len(place))
-    if lacking:
-        raise ValueError(f"no mesh follows the curves: {lacking} sides are missing")
-    turns = [np.append(phi, phi[0] + 2.0 * np.pi) for phi in angles]
-    return Mesh(place, corners, nodes, turns)
+    corners = _triangles_within(place, rim_nodes)
+    return place, corners
 
 
-def _within(x: np.ndarray, rim: np.ndarray) -> np.ndarray:
-    """Whether places x lie within a polygon that is star-shaped about 0."""
-    angle = np.angle(rim)
-    order = np.argsort(angle)
-    angle, rim = angle[order], rim[order]
-    k = np.searchsorted(angle, np.angle(x)) % len(rim)
-    a, b = rim[k - 1], rim[k]
-    return (np.conj(b - a) * (x - a)).imag > 0
+def within(x: np.ndarray, rim: np.ndarray) -> np.ndarray:
+    """Whether places x (N,) lie within a polygon with corners `rim`, by the parity of the sides
+    that a ray to the right meets."""
+    is_inside = np.zeros(len(x), bool)
+    for a, b in zip(rim, np.roll(rim, -1), strict=True):
+        meets = (a.imag > x.imag) != (b.imag > x.imag)
+        is_left = ((b - a).conjugate() * (x - a)).imag * (b.imag - a.imag) > 0
+        is_inside ^= meets & is_left
+    return is_inside
 
 
 def _well_separated(x: np.ndarray, reach: np.ndarray) -> np.ndarray:
