@@ -24,7 +24,7 @@ from eitskin.data.reading import read
 from eitskin.data.recording import Recording
 from eitskin.diagnose.fitting.excerpt import LIMIT_GIB
 from eitskin.errors import InputError, named, printable, refused
-from eitskin.physics.outline import EXPECTED, no_disc
+from eitskin.physics.outline import EXPECTED, not_simulated
 from eitskin.quantities import listed, plain
 from eitskin.stream import cli as streaming
 
@@ -375,10 +375,10 @@ def _print_before(checked: check.Check, count: int, arguments: argparse.Namespac
     _print_step_commands(checked, count, arguments)
 
 
-def _no_disc(recorded: Recording, arguments: argparse.Namespace) -> bool:
+def _not_simulated(recorded: Recording, arguments: argparse.Namespace) -> bool:
     """Whether the outline or the electrodes of a skin rule out its simulation; a line on stderr
     says so."""
-    refusal = no_disc(recorded.skin)
+    refusal = not_simulated(recorded.skin)
     if refusal is not None:
         error = InputError(arguments.skin or arguments.file, *refusal, EXPECTED)
         print(error, file=sys.stderr)
@@ -403,7 +403,7 @@ def _import(arguments: argparse.Namespace) -> int:
     full_check = _checked(recorded, arguments)
     if full_check is None:
         return UNUSABLE
-    if not arguments.anyway and _no_disc(recorded, arguments):
+    if not arguments.anyway and _not_simulated(recorded, arguments):
         return UNUSABLE
     recording.write(recorded, arguments.out)
     if arguments.json:
@@ -440,7 +440,7 @@ def _diagnose(arguments: argparse.Namespace) -> int:
     if folder_path.is_dir():
         with held_folder(folder_path):
             answer_folder.forget(folder_path)
-    if _no_disc(recorded, arguments):
+    if _not_simulated(recorded, arguments):
         return UNUSABLE
     memory.frame_limit(recorded, arguments.memory, arguments.file)
     full_check = _checked(recorded, arguments)

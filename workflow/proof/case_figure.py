@@ -14,9 +14,10 @@ from eitskin.data import parquet
 from eitskin.diagnose.report import evidence
 from eitskin.diagnose.report.evidence import Evidence
 from eitskin.diagnose.report.figures import (
+    draw_outline,
     draw_residual_matrices,
     draw_residual_scale,
-    electrode_layout,
+    skin_layout_of,
 )
 from eitskin.diagnose.verdict.words import place_text
 from eitskin.effects import EFFECTS
@@ -91,18 +92,20 @@ def picture(shown: Evidence, frames: pd.DataFrame, truth: dict) -> Figure:
 
 
 def _skin(axes: Axes, shown: Evidence) -> None:
-    angle, radius = electrode_layout(shown)
-    plotting.disc(axes, radius, angle)
+    skin = skin_layout_of(shown)
+    draw_outline(axes, skin)
+    axes.set_aspect("equal")
     touched = shown.frames[shown.frames["touch"]][["x_mm", "y_mm"]].drop_duplicates()
     axes.plot(touched["x_mm"], touched["y_mm"], ".", color=QUIET, markersize=3)
-    rim = radius * np.exp(1j * np.radians(angle))
     named = {site for effect in shown.diagnosis["effects"] for site in effect["electrodes"]}
     for site in sorted(named):
-        axes.plot(rim[site].real, rim[site].imag, "s", color=CULPRIT, markersize=5)
-        label = 1.2 * rim[site]
+        place = skin.electrodes[site]
+        axes.plot(place.real, place.imag, "s", color=CULPRIT, markersize=5)
+        label = place + 0.2 * skin.half_extent_mm * skin.outward[site]
         axes.text(label.real, label.imag, str(site), color=CULPRIT, ha="center", va="center")
     axes.set_axis_off()
-    axes.set(xlim=(-1.3 * radius, 1.3 * radius), ylim=(-1.3 * radius, 1.3 * radius))
+    reach = 1.3 * skin.half_extent_mm * np.array([-1.0, 1.0])
+    axes.set(xlim=skin.centre.real + reach, ylim=skin.centre.imag + reach)
     axes.set_title("electrodes named;\ndots: touches" if named else "dots: touches", color=QUIET)
 
 

@@ -3,7 +3,7 @@ import pytest
 
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry, even_angles
-from eitskin.physics.outline import CIRCLE_TOLERANCE, described, no_disc, refuse, rim_angles
+from eitskin.physics.outline import CIRCLE_TOLERANCE, described, not_simulated, refuse, rim_angles
 from eitskin.physics.skin import Skin
 
 ANGLES = tuple(even_angles(16).tolist())
@@ -51,28 +51,28 @@ def test_a_triangle_is_told_by_its_corners_and_size():
 
 @pytest.mark.parametrize("word", ["disc", "Disk ", "circle"])
 def test_a_word_for_a_disc_is_one(word):
-    assert no_disc(skin(outline=word)) is None
+    assert not_simulated(skin(outline=word)) is None
     refuse(skin(outline=word))
 
 
 def test_any_other_word_is_none():
-    assert no_disc(skin(outline="a hand")) == ("skin.outline", "a hand")
+    assert not_simulated(skin(outline="a hand")) == ("skin.outline", "a hand")
 
 
 def test_electrodes_on_the_rim_are_where_their_angles_say_and_others_are_told():
     on = 80.0 * np.exp(1j * np.radians(ANGLES))
-    assert no_disc(skin(electrode_xy_mm=corners(on))) is None
+    assert not_simulated(skin(electrode_xy_mm=corners(on))) is None
     assert np.allclose(rim_angles(np.array(corners(on))), ANGLES)
     inner = on.copy()
     inner[[3, 7]] *= 0.4
-    place, found = no_disc(skin(electrode_xy_mm=corners(inner)))
+    place, found = not_simulated(skin(electrode_xy_mm=corners(inner)))
     assert place == "skin.electrode_xy_mm"
     assert found.startswith("electrode 3 and 1 more of 16 off the rim, at 40 %")
 
 
 def test_nothing_is_simulated_of_what_is_no_disc():
     square = skin(outline=corners(rectangle(50, 50)))
-    with pytest.raises(InputError, match="found a rectangle of 100 x 100 mm, expected a disc"):
+    with pytest.raises(InputError, match="found a rectangle of 100 x 100 mm, as a bare list, expected a disc"):
         Geometry.from_skin(square)
     assert Geometry.from_skin(skin()).radius_mm == 80.0
 

@@ -14,6 +14,7 @@ from eitskin.atomic import atomic_path
 from eitskin.data import parquet
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry
+from eitskin.physics.rim_curve import RimCurve
 from eitskin.physics.skin import LARGEST, MAX_ELECTRODES, Skin, is_number
 from eitskin.yaml_number import hint
 
@@ -104,9 +105,14 @@ class Recording:
 
     @property
     def n_electrodes(self) -> int:
-        """Number of electrodes: of the angles where known, else of those that channels name."""
-        angles = self.metadata["skin"]["electrode_deg"]
-        return len(angles) if angles is not None else int(self.channels.max()) + 1
+        """Number of electrodes: of their places where known, else of those that channels name."""
+        return _stated_count(self.skin) or int(self.channels.max()) + 1
+
+
+def _stated_count(skin: Skin) -> int | None:
+    """Number of electrodes whose places are stated; None: none are."""
+    stated = (skin.electrode_deg, skin.electrode_s, skin.electrode_xy_mm)
+    return next((len(places) for places in stated if places is not None), None)
 
 
 def frames_table(
@@ -347,8 +353,7 @@ def _check_metadata(file: str | Path, metadata: dict) -> None:
         expected = "where the recording comes from"
         raise InputError(file, "key source", json.dumps(metadata["source"]), expected)
     skin = Skin.from_metadata(metadata["skin"], str(file))
-    n = None if skin.electrode_deg is None else len(skin.electrode_deg)
-    _check_channels(file, metadata["channels"], n)
+    _check_channels(file, metadata["channels"], _stated_count(skin))
     _check_arcs(file, skin)
 
 
@@ -559,8 +564,9 @@ def _check_on_skin(file: str | Path, recording: Recording) -> None:
 
     An unknown probe is assumed to be as large as the skin.
     """
-    radius = recording.skin.radius_mm
-    if radius is None or recording.metadata["position_frame"] != "skin":
+    skin = recording.skin
+    rim = skin.outline if isinstance(skin.outline, RimCurve) else None
+    if not (rim or skin.radius_mm) or recording.metadata["position_frame"] != "skin":
         return
     if recording.touches is None:
         touch_table = recording.frames[list(TOUCH_KEYS)].assign(row=recording.frames["frame"])
@@ -572,17 +578,29 @@ def _check_on_skin(file: str | Path, recording: Recording) -> None:
             for touch in frame_touches or []
         ]
         touch_table = pd.DataFrame(all_touches, columns=[*TOUCH_KEYS, "row"])
-    reach = radius + 0.5 * touch_table["probe_mm"].astype(float).fillna(2.0 * radius).to_numpy()
-    distance = np.hypot(touch_table["x_mm"].to_numpy(float), touch_table["y_mm"].to_numpy(float))
-    bad_rows = np.flatnonzero(distance > reach)
+    x_mm, y_mm = (touch_table[key].to_numpy(float) for key in ("x_mm", "y_mm"))
+    radius = skin.radius_mm or 0.0
+    size = rim.perimeter_mm / np.pi if rim else 2.0 * radius
+    reach = 0.5 * touch_table["probe_mm"].astype(float).fillna(size).to_numpy()
+    distance = np.hypot(x_mm, y_mm)
+    beyond = rim.beyond(x_mm + 1j * y_mm) if rim else distance - radius
+    bad_rows = np.flatnonzero(beyond > reach)
     if len(bad_rows):
         place = f"columns x_mm, y_mm, row {int(touch_table['row'].iloc[bad_rows[0]])}"
+        if rim:
+            violation = f"a touch {beyond[bad_rows[0]]:.6g} mm off the skin"
+            expected = f"at most {reach[bad_rows[0]]:.6g} mm: probe and skin must meet"
+            raise InputError(file, place, violation, expected)
         violation = f"a touch {distance[bad_rows[0]]:.6g} mm from the centre"
         expected = (
-            f"at most {reach[bad_rows[0]]:.6g} mm: probe and skin, radius {radius:g}, must meet"
+            f"at most {radius + reach[bad_rows[0]]:.6g} mm: probe and skin, radius {radius:g},"
+            " must meet"
         )
-        x, y = touch_table["x_mm"].to_numpy(float), touch_table["y_mm"].to_numpy(float)
-        if np.nanmin([x, y]) >= 0 and not (np.hypot(x - radius, y - radius) > reach).any():
+        most = radius + reach
+        if (
+            np.nanmin([x_mm, y_mm]) >= 0
+            and not (np.hypot(x_mm - radius, y_mm - radius) > most).any()
+        ):
             expected += "; no place is negative: counted from the corner, subtract the radius"
         raise InputError(file, place, violation, expected)
 

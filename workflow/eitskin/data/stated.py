@@ -59,7 +59,7 @@ def apply(statement: dict, recording: Recording, file: str | Path = "skin") -> R
         raise InputError(file, "electrode_deg", f"{len(angles)} angles", expected)
     source = f"{metadata['source']}; its owner states {', '.join(statement)}"
     skin = metadata["skin"] | _part(statement, SKIN)
-    if statement.get("electrode_xy_mm") and angles is None:
+    if statement.get("electrode_xy_mm") and angles is None and not _is_outline(statement):
         skin["electrode_deg"] = rim_angles(statement["electrode_xy_mm"]).tolist()
     stated_metadata = {**metadata, **_part(statement, READING), "skin": skin, "source": source}
     stated_recording = replace(recording, metadata=stated_metadata)
@@ -71,6 +71,11 @@ def apply(statement: dict, recording: Recording, file: str | Path = "skin") -> R
         place = f"beside {error.place} of the recording"
         raise InputError(file, place, error.actual, error.expected) from error
     return stated_recording
+
+
+def _is_outline(statement: dict) -> bool:
+    """Whether it states a rim that is no disc."""
+    return isinstance(statement.get("outline"), dict)
 
 
 def _part(statement: dict, keys: tuple[str, ...]) -> dict:

@@ -69,9 +69,11 @@ def axis_text(axis_deg: float) -> str:
     return f"{number(round(axis_deg % 180.0, 1) % 180.0)}°"
 
 
-def elliptic_rim(anisotropy: NamedEffect) -> OtherSide:
-    """Gel that conducts alike in all directions, its rim pressed out of round and the electrodes
-    with it."""
+def elliptic_rim(anisotropy: NamedEffect) -> OtherSide | None:
+    """Of a disc: gel that conducts alike in all directions, its rim pressed out of round and the
+    electrodes with it."""
+    if anisotropy.skin.outline is not None:
+        return None
     geometry, base = anisotropy.geometry, Geometry.from_skin(anisotropy.skin)
     ratio, angle_deg = geometry.anisotropy_ratio, geometry.anisotropy_deg
     substitutes = carried_outline(geometry, base, ratio, angle_deg)

@@ -4,6 +4,7 @@ import numpy as np
 
 from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
 from eitskin.physics.geometry import Geometry
+from eitskin.physics.skin import Skin
 
 
 class ConductivityGradient(SkinEffect):
@@ -23,6 +24,10 @@ class ConductivityGradient(SkinEffect):
     )
     shown_by = "a recording with absolute values"
     confusable = ("conductivity-patch",)
+
+    def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:
+        """The neutral values; none on an outline, where its correction is not modelled."""
+        return [] if skin.outline is not None else [{}]
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry with this gradient added to what it has."""

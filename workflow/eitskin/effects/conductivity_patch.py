@@ -4,7 +4,10 @@ import numpy as np
 
 from eitskin.effects.effect import Combination, Moment, Parameter, Setting, SkinEffect
 from eitskin.physics.geometry import Geometry, Patch
+from eitskin.physics.rim_curve import RimCurve
 from eitskin.physics.skin import Skin
+
+LATTICE_PLACES = 37  # from which fits on an outline start
 
 
 def _equivalent_radius(values: dict) -> dict[str, tuple[float, str]]:
@@ -50,8 +53,13 @@ class ConductivityPatch(SkinEffect):
     confusable = ("conductivity-gradient", "domain-shape")
 
     def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:
-        """Places on the skin, in rings a quarter of its radius apart."""
+        """Places on the skin, in rings a quarter of its radius apart; on an outline, on a lattice
+        of as many."""
         assert skin.radius_mm is not None
+        if isinstance(skin.outline, RimCurve):
+            places = skin.outline.lattice(LATTICE_PLACES).tolist()
+            radius_mm = 0.15 * float(np.sqrt(skin.outline.area_mm2 / np.pi))
+            return [{"x_mm": p.real, "y_mm": p.imag, "radius_mm": radius_mm} for p in places]
         rings = [(0.0, 1), (0.25, 6), (0.5, 12), (0.75, 18)]
         places = [
             share * skin.radius_mm * np.exp(2j * np.pi * k / count)

@@ -6,15 +6,21 @@ from eitskin.effects.anisotropy import axis_text
 from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
 from eitskin.effects.identity import Identity, NamedEffect, OtherSide
 from eitskin.physics.geometry import Geometry
+from eitskin.physics.skin import Skin
 from eitskin.quantities import number
 
 WAVE = 0.5  # of the variance of electrodes' shifts, that a stretch has at least: most of it
+
+SHIFTED_ALONG = (
+    "{site} {sits|sit} {shift_mm} along the rim from where the drawing has {it|them},"
+    " towards larger shares of its length."
+)
 
 
 def stretched_gel(positions: NamedEffect) -> OtherSide | None:
     """Of electrodes each with its shift, most of it a wave A sin 2(phi - angle): one anisotropy,
     ln ratio = 2 A to first order, fitted on the full model."""
-    if positions.scope != "dense":
+    if positions.scope != "dense" or positions.skin.outline is not None:
         return None
     phi = np.radians(np.array(positions.skin.electrode_deg))
     shift = np.radians(positions.values["shift_deg"])
@@ -33,13 +39,17 @@ def stretched_gel(positions: NamedEffect) -> OtherSide | None:
 
 
 class ElectrodePosition(SkinEffect):
-    """electrode_deg + shift. Dense it is the paper's electrode jitter."""
+    """electrode_deg + shift; on an outline a shift along the rim, by its length. Dense it is the
+    paper's electrode jitter."""
 
     name = "electrode-position"
     driver = "static"
     sites = ("electrodes",)
     common = False  # that turns the skin, as the registration does
-    parameters = {"shift_deg": Parameter("°", 0.0, -20.0, 20.0, scale=0.5)}
+    parameters = {
+        "shift_deg": Parameter("°", 0.0, -20.0, 20.0, scale=0.5, optional=True),
+        "shift_mm": Parameter("mm", 0.0, -30.0, 30.0, scale=0.7, optional=True),
+    }
     source = "Touch with Insight, § II-D"
     mend = "measure the angle of electrode {site}"
     finding = (
@@ -50,8 +60,22 @@ class ElectrodePosition(SkinEffect):
     confusable = ("domain-shape", "ellipse", "electrode-swap", "registration")
     identities = (Identity(("anisotropy", "domain-shape"), stretched_gel),)
 
+    def neutral(self, key: str, skin: Skin) -> float | None:
+        """0 of the shift in degrees on a disc, in mm on an outline."""
+        return 0.0 if (key == "shift_mm") == (skin.outline is not None) else None
+
+    def finding_at(self, values: dict) -> str:
+        """In degrees, or along the rim of an outline."""
+        if values.get("shift_mm") is None:
+            return self.finding
+        return SHIFTED_ALONG
+
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry with electrodes shifted."""
         angle = geometry.electrode_deg.copy()
-        angle[setting.sites] += setting.values["shift_deg"]
+        shift_deg, shift_mm = (setting.values.get(key) for key in ("shift_deg", "shift_mm"))
+        if shift_deg is not None:
+            angle[setting.sites] += shift_deg
+        if shift_mm is not None:
+            angle[setting.sites] += np.degrees(shift_mm / geometry.radius_mm)
         return geometry.with_values(electrode_deg=angle)

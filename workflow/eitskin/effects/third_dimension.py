@@ -50,6 +50,8 @@ class ThirdDimension(SkinEffect):
         """Starting values: the depth, unless the thickness is stated; with each the height,
         unless it is stated, as shares of the depth; with both the place, unless it is stated,
         where such electrodes fit."""
+        if skin.outline is not None:
+            return []  # bodies are discs
         height, z = skin.electrode_height_mm, skin.electrode_z_mm
         half = 0.5 * (height or 0.0)
         top = half + (half if z is None else z)
@@ -67,8 +69,11 @@ class ThirdDimension(SkinEffect):
                 ]
         return starts
 
-    def largest_body(self, geometry: Geometry) -> Geometry:
-        """The body with the highest electrodes that are tried, unless their height is stated."""
+    def largest_body(self, geometry: Geometry) -> Geometry | None:
+        """The body with the highest electrodes that are tried, unless their height is stated; None
+        on an outline."""
+        if geometry.outline is not None:
+            return None
         height = geometry.electrode_height_mm or HEIGHTS[-1] * geometry.thickness_mm
         return geometry.with_values(deep=True, electrode_height_mm=height)
 

@@ -45,9 +45,9 @@ class DiscMap:
     """f: skin -> unit disc with f(centre) = 0, f'(centre) > 0, from points on the rim.
 
     `rim` (N,) complex: points on the rim, once round, dense towards corners; without poles evenly
-    dense, with a centre of 0, and N > 2 * DEGREE. phi (N,): their angles, kept for `velocity`. Lengths are in any one unit. Raises ValueError
-    where the rim is no number, or too rough for the function: `defect`, the largest | |f| - 1 | at
-    the rim points, then exceeds 1e-7.
+    dense, with a centre of 0, and N > 2 * DEGREE. phi (N,): their angles, kept for `velocity`.
+    Lengths are in any one unit. Raises ValueError where the rim is no number, or too rough for the
+    function: `defect`, the largest | |f| - 1 | at the rim points, then exceeds `most_defect`.
     """
 
     def __init__(
@@ -56,6 +56,7 @@ class DiscMap:
         phi: np.ndarray | None = None,
         poles: Poles = NO_POLES,
         centre: complex = 0.0,
+        most_defect: float = 1e-7,
     ):
         if not np.isfinite(rim).all():
             raise ValueError("a rim that is no number")
@@ -71,7 +72,7 @@ class DiscMap:
             full_series = full_series[: significant.max(initial=-1) + 2]
         self.series = self._series_of(full_series)
         self.defect = float(np.abs(np.abs(self(rim)) - 1.0).max())
-        if not self.defect <= 1e-7:
+        if not self.defect <= most_defect:
             raise ValueError(f"rim too rough for a conformal map: | |f| - 1 | = {self.defect:.1e}")
 
     def _series_of(self, coefficients: np.ndarray) -> "Series":

@@ -34,9 +34,12 @@ from eitskin.physics.touch_cache import ContactCoupling, Place, TouchCache, Touc
 
 # Poles of an outline's conformal map, tried in turn until its defect is FINE_DEFECT.
 FINENESSES = (Fineness(20, 0.5), Fineness(28, 0.35), Fineness(40, 0.3), Fineness(56, 0.25))
-FINE_DEFECT = 1e-9
+FINE_DEFECT, COARSE_DEFECT = 1e-8, 1e-5
 # Of a defect in the least arc of an electrode, which narrow skins crowd on the disc: wanted, most.
-FINE_SHARE, COARSE_SHARE = 1e-6, 1e-4
+FINE_SHARE, COARSE_SHARE = 1e-5, 1e-4
+KEPT_MAPS = 12  # of outlines, some megabytes each
+
+_maps: dict[tuple, DiscMap | ValueError] = {}
 UNIT_CIRCLE = np.exp(2j * np.pi * np.arange(64) / 64)
 LEAST_CONTRAST = 1e-12  # below this, rounding: the touch is treated as absent
 PLACES_PER_SOLVE = 64  # places of one batched eigenproblem
@@ -246,7 +249,7 @@ class Forward:
         x, y, radius = np.array(places, float).reshape(-1, 3).T[:, :, None]
         edge_points = x + 1j * y + radius * UNIT_CIRCLE
         if self.geometry.outline:
-            return inside(self.geometry.drawn_rim, edge_points).any(axis=1)
+            return np.asarray(inside(self.geometry.drawn_rim, edge_points).any(axis=1))
         edge_points = self.geometry.unfold(edge_points)
         # Far outside the rim the map's series does not converge.
         in_range = np.abs(edge_points) <= self.disc.scale
@@ -554,6 +557,7 @@ class _Slopes:
     def _skin_motion_slope(self, motion: RimMotion) -> np.ndarray:
         forward, g = self.forward, self.geometry
         phi = forward.disc.phi
+        assert phi is not None
         velocity = g.unfold(motion.rim(phi)) + motion.unfolding(g.rim(phi))
         map_velocity = forward.disc.velocity(velocity)
         edge_motions = {i: e.skin_motion(motion, map_velocity) for i, e in enumerate(self.edges)}
@@ -626,14 +630,9 @@ def _poled_map(geometry: Geometry) -> DiscMap:
     """The map with poles. Raises ValueError where none fits the rim."""
     best, refusal = None, None
     for fineness in FINENESSES:
-        phi, corners = geometry.rim_phi(fineness.most_at_corner)
-        place, slope = (geometry.unfold(geometry.rim(phi, order)) for order in (0, 1))
-        length = np.abs(slope) * 0.5 * (np.roll(phi, -1) - np.roll(phi, 1)) % np.pi
-        sample = RimSample(place, -1j * slope / np.abs(slope), length, corners)
-        try:
-            mapped = DiscMap(place, phi, Poles(*placed(sample, fineness)), geometry.centre)
-        except ValueError as error:
-            refusal = error
+        mapped = _map_at(geometry, fineness)
+        if isinstance(mapped, ValueError):
+            refusal = mapped
             continue
         best = mapped if best is None or mapped.defect < best.defect else best
         crowding = _least_arc(geometry, best)
@@ -646,6 +645,25 @@ def _poled_map(geometry: Geometry) -> DiscMap:
         actual = f"an electrode's arc of {crowding:.1e} on the disc, known to {best.defect:.1e}"
         raise ValueError(actual)
     return best
+
+
+def _map_at(geometry: Geometry, fineness: Fineness) -> DiscMap | ValueError:
+    """The map with so many poles, or why there is none; the last few are kept, for skins that
+    differ in their electrodes, contacts or patches alone."""
+    key = geometry.rim_key(), fineness
+    if key not in _maps:
+        phi, corners = geometry.rim_phi(fineness.most_at_corner)
+        place, slope = (geometry.unfold(geometry.rim(phi, order)) for order in (0, 1))
+        length = np.abs(slope) * 0.5 * (np.roll(phi, -1) - np.roll(phi, 1)) % np.pi
+        sample = RimSample(place, -1j * slope / np.abs(slope), length, corners)
+        while len(_maps) >= KEPT_MAPS:
+            _maps.pop(next(iter(_maps)))
+        try:
+            poles = Poles(*placed(sample, fineness))
+            _maps[key] = DiscMap(place, phi, poles, geometry.centre, COARSE_DEFECT)
+        except ValueError as error:
+            _maps[key] = error
+    return _maps[key]
 
 
 def _least_arc(geometry: Geometry, disc: DiscMap) -> float:

@@ -17,6 +17,10 @@ from eitskin.physics.skin import Skin
 ROUND_POINTS = 256  # of a sampled round rim: more than twice the conformal map's degree
 DRAWN_POLES = 8  # of corners of a rim that has moved, where places are sought within it
 CORNER_CLEARANCE = 1e-3  # radians of the rim's length between an electrode and a corner
+RIM = {
+    *("radius_mm", "shape_cos", "shape_sin", "stretch_x", "stretch_y"),
+    *("anisotropy_ratio", "anisotropy_deg", "outline"),
+}
 MATERIAL = ("thickness_mm", "conductivity_S_per_m", "contact_impedivity_ohm_m2")
 
 
@@ -121,8 +125,8 @@ class Geometry:
     @classmethod
     def from_skin(cls, skin: Skin) -> "Geometry":
         """The ideal geometry of a Skin. Raises InputError where a required key is null, and for
-        a shape other than a disc."""
-        outline.refuse(skin)
+        one that `outline` refuses."""
+        skin = outline.laid_out(skin)
         required = ["radius_mm", "thickness_mm", "conductivity_S_per_m", "electrode_deg"]
         required += ["electrode_width_mm"]
         if skin.electrode_width_mm:
@@ -141,6 +145,7 @@ class Geometry:
             np.array(skin.contact_impedivity_ohm_m2 or 0.0),
             electrode_height_mm=skin.electrode_height_mm,
             electrode_z_mm=skin.electrode_z_mm,
+            outline=skin.outline if isinstance(skin.outline, RimCurve) else None,
         )
 
     def with_values(self, **values: Any) -> "Geometry":
@@ -163,6 +168,10 @@ class Geometry:
         """Whether rim, places of the electrodes and direction of the conductivity agree;
         material and contacts may differ."""
         return self.key(MATERIAL) == geometry.key(MATERIAL)
+
+    def rim_key(self) -> tuple:
+        """A hashable key, equal for geometries with the same unfolded rim."""
+        return self.key({f.name for f in fields(self)} - RIM)
 
     @property
     def points(self) -> bool:
@@ -220,7 +229,8 @@ class Geometry:
         else:
             turned = [rim.mitred_normal(phi, order - n) for n in range(order + 1)]
             size = float(np.sqrt(rim.area_mm2 / np.pi))
-        return size * sum(binomial[n] * wave[n] * turned[n] for n in range(order + 1))
+        terms = [binomial[n] * wave[n] * turned[n] for n in range(order + 1)]
+        return size * np.sum(terms, axis=0)
 
     @cached_property
     def drawn_rim(self) -> np.ndarray:

@@ -1,53 +1,102 @@
-"""Outlines that are no disc, and electrodes off the rim, as the owner of a skin describes them.
+"""Outlines as the owner of a skin describes them, and electrodes on them.
 
-The simulation knows discs, and rims near a disc (effect domain-shape). Descriptions of other shapes
-are recognised here, and refused where something is to be simulated.
+Discs, and any rim that is given by its corners or as a smooth curve, are simulated; a shape that is
+only a word, and electrodes inside the skin, are recognised here and refused.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from eitskin.errors import InputError
+from eitskin.physics.rim_curve import RimCurve
 from eitskin.physics.skin import Skin
 from eitskin.quantities import percent
 
 DISCS = ("circle", "circular", "disc", "disk", "round")
 # Largest deviation of a rim from a circle, and of an electrode from the rim, over the mean radius.
 CIRCLE_TOLERANCE = 0.1
+OFF_RIM_MM = 1.0  # of an electrode; one that is nearer to the rim is put there
 SIDE_POINTS = 100  # points of each side at which its distance from the centre is evaluated
 SQUARE_DEG = 3.0  # largest deviation of a rectangle's corners from a right angle
 EXPECTED = (
-    "a disc with its electrodes on the rim, which the simulation knows, or a rim within "
-    f"{percent(CIRCLE_TOLERANCE)} of one (effect domain-shape); without a simulation, "
-    "`eitskin check` and `eitskin compare CONTROL LATER` work all the same"
+    'a disc, or skin.outline as {"shape": …} or {"corners_mm": …}, with its electrodes on the rim; '
+    "without a simulation, `eitskin check` and `eitskin compare CONTROL LATER` work all the same"
 )
 
 
 def refuse(skin: Skin, file: str | Path = "skin") -> None:
-    """Raise InputError, with `file` as its place, for a skin other than a disc with electrodes
-    on its rim."""
-    refusal = no_disc(skin)
+    """Raise InputError, with `file` as its place, for a skin that cannot be simulated."""
+    refusal = not_simulated(skin)
     if refusal is not None:
         place, actual = refusal
         raise InputError(file, place, actual, EXPECTED)
 
 
-def no_disc(skin: Skin) -> tuple[str, str] | None:
-    """The key of a skin's metadata that contradicts a disc with electrodes on its rim, and a
-    description of the shape; None for a disc."""
-    corners = skin.outline
-    if isinstance(corners, str):
-        return None if corners.strip().lower() in DISCS else ("skin.outline", corners)
-    if corners is not None:
-        shape = described(np.array(corners), " mm")
-        if shape is not None:
-            return "skin.outline", shape
+def not_simulated(skin: Skin) -> tuple[str, str] | None:
+    """The key of a skin's metadata that rules out its simulation, and a description; None: it can
+    be simulated."""
+    shape = skin.outline
+    if isinstance(shape, str):
+        return None if shape.strip().lower() in DISCS else ("skin.outline", shape)
+    if isinstance(shape, RimCurve):
+        return _off_outline(skin, shape)
+    if shape is not None:
+        description = described(np.array(shape), " mm")
+        if description is not None:
+            return "skin.outline", f"{description}, as a bare list"
     if skin.electrode_xy_mm is None:
         return None
     radius = skin.radius_mm or float(np.hypot(*np.array(skin.electrode_xy_mm).T).max())
     electrodes_text = off_rim(np.array(skin.electrode_xy_mm), radius)
     return None if electrodes_text is None else ("skin.electrode_xy_mm", electrodes_text)
+
+
+def _off_outline(skin: Skin, rim: RimCurve) -> tuple[str, str] | None:
+    if _is_laid_out(skin, rim):
+        return None
+    if skin.radius_mm is not None:
+        return "skin.radius_mm", f"{skin.radius_mm:g} mm beside an outline"
+    if skin.electrode_s is not None:
+        return None
+    if skin.electrode_xy_mm is None:
+        return "skin.electrode_xy_mm", "nothing, nor electrode_s, beside an outline"
+    _, distance = rim.nearest(_complex(np.array(skin.electrode_xy_mm)))
+    off = np.flatnonzero(distance > OFF_RIM_MM)
+    if not len(off):
+        return None
+    return "skin.electrode_xy_mm", f"electrode {off[0]} {distance[off[0]]:.3g} mm off the rim"
+
+
+def _is_laid_out(skin: Skin, rim: RimCurve) -> bool:
+    radius = rim.perimeter_mm / (2.0 * np.pi)
+    return skin.radius_mm == radius and skin.electrode_deg is not None
+
+
+def laid_out(skin: Skin) -> Skin:
+    """A skin with an outline as the simulation takes it: `radius_mm` the rim's length over 2 pi,
+    `electrode_deg` the electrodes' shares of it in degrees. Any other is returned as a disc.
+
+    Raises InputError as `refuse`.
+    """
+    refuse(skin)
+    rim = skin.outline
+    if not isinstance(rim, RimCurve):
+        return replace(skin, outline=None, electrode_xy_mm=None, electrode_s=None)
+    if _is_laid_out(skin, rim):
+        return skin
+    if skin.electrode_s is not None:
+        share = np.array(skin.electrode_s)
+    else:
+        share = rim.nearest(_complex(np.array(skin.electrode_xy_mm)))[0] / (2.0 * np.pi)
+    return replace(
+        skin,
+        radius_mm=rim.perimeter_mm / (2.0 * np.pi),
+        electrode_deg=tuple((360.0 * share).tolist()),
+        electrode_xy_mm=None,
+        electrode_s=None,
+    )
 
 
 def rim_angles(electrodes: np.ndarray) -> np.ndarray:

@@ -86,29 +86,32 @@ def _clear(rim: np.ndarray, place: complex, direction: complex) -> float:
 
 
 def _beside(sample: RimSample, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    distance = np.minimum(_touching(sample, -1.0), _touching(sample, 1.0))
-    if not len(sample.corners):
-        distance = CURVED_SHARE * distance
-    away = np.ones(len(distance), bool)
+    away = np.ones(len(sample.place), bool)
     for index, reach in zip(sample.corners, _side_lengths(sample), strict=True):
         away &= np.abs(sample.place - sample.place[index]) > CORNER_SHARE * reach
-    count = np.where(away, sample.length / (spacing * distance), 0.0)
+    place, normal, length = (
+        values[away] for values in (sample.place, sample.normal, sample.length)
+    )
+    rim = np.concatenate([place, sample.place[sample.corners]])
+    distance = np.minimum(_touching(place, normal, rim, -1.0), _touching(place, normal, rim, 1.0))
+    if not len(sample.corners):
+        distance = CURVED_SHARE * distance
+    count = length / (spacing * distance)
     total = np.cumsum(count)
     steps = np.arange(int(total[-1])) + 0.5
     index = np.searchsorted(total, steps)
-    place = sample.place[index] + sample.normal[index] * distance[index]
-    return place, distance[index]
+    return place[index] + normal[index] * distance[index], distance[index]
 
 
-def _touching(sample: RimSample, side: float) -> np.ndarray:
-    """(N,): radius of the largest disc that touches the rim at each point, within (side -1) or
-    outside (side 1), and holds no point of it; infinite where nothing bounds it."""
-    radius = np.full(len(sample.place), np.inf)
+def _touching(place: np.ndarray, normal: np.ndarray, rim: np.ndarray, side: float) -> np.ndarray:
+    """(N,): radius of the largest disc that touches the rim at each place, within (side -1) or
+    outside (side 1), and holds no point of `rim`; infinite where nothing bounds it."""
+    radius = np.full(len(place), np.inf)
     for start in range(0, len(radius), 256):
         block = slice(start, start + 256)
-        offset = sample.place - sample.place[block, None]
-        towards = side * (np.conj(sample.normal[block, None]) * offset).real
-        ahead = towards > 1e-9 * np.abs(offset)
+        offset = rim - place[block, None]
+        towards = side * (np.conj(normal[block, None]) * offset).real
+        ahead = towards > 1e-6 * np.abs(offset)
         ball = 0.5 * np.abs(offset) ** 2 / np.where(ahead, towards, np.inf)
         radius[block] = np.where(ahead, ball, np.inf).min(axis=1)
     return radius

@@ -13,13 +13,14 @@ from scipy.interpolate import BSpline, make_interp_spline
 from eitskin.errors import InputError
 
 MOST_CORNERS = 64  # of a rim with corners; one that was drawn by more points is smooth
+LEAST_AREA = 1e-6  # of a rim, over its length squared
 LEAST_TURN_DEG = 0.1  # of a corner; two sides with a smaller turn are straight on
 EVEN_POINTS = 800  # of a sampled rim, besides those at corners
 CENTRE_LATTICE = 61  # lines each way of the lattice that is searched for a place well within
 CROWDING = 4.0  # of the distances exp(-CROWDING (sqrt n - sqrt j)), j = 1 ... n
 SAMPLES_PER_POLE = 3  # of a rim at its corners
 SAMPLES = 2048  # of a smooth rim, evenly along its length
-MITRE_SHARE = 0.2  # of a side, over which a moved rim is drawn along itself towards a corner
+MITRE_SHARE = 0.08  # of a side, over which a moved rim is drawn along itself towards a corner
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,8 @@ class RimCurve:
         if crossing is not None:
             sides = "sides {} and {}".format(*crossing)
             raise InputError("skin", "outline", f"{sides} that meet", "a rim that does not cross")
+        if abs(self.area_mm2) < LEAST_AREA * self.perimeter_mm**2:
+            raise InputError("skin", "outline", "corners on a line", "corners around an area")
         if self.area_mm2 < 0:
             raise InputError("skin", "outline", "clockwise corners", "counter-clockwise ones")
 
@@ -100,8 +103,9 @@ class RimCurve:
 
     def mitre(self, phi: np.ndarray, order: int = 0) -> np.ndarray:
         """What a rim that moves along its normal by 1 moves along itself, or its derivative by phi
-        of `order` <= 2: so much at a corner that both sides still meet, 0 from MITRE_SHARE of a
-        side on; the shape that a small motion makes does not depend on it."""
+        of `order` <= 2: so much at a corner that both sides still meet, and with the distance d
+        from it as exp(-(d / MITRE_SHARE side)^2). The shape that a small motion makes does not
+        depend on it."""
         share = np.asarray(phi, float) % (2.0 * np.pi)
         total = np.zeros(share.shape)
         if self.smooth:
@@ -149,13 +153,41 @@ class RimCurve:
         if not len(corners):
             return even, np.zeros(0, int)
         side = np.diff(np.append(corners, corners[0] + 2.0 * np.pi))
-        near = 0.5 * crowded(corner_poles, SAMPLES_PER_POLE)
+        near = 0.5 * crowded(corner_poles, SAMPLES_PER_POLE)[:-1]  # both ends share the middle
         offset = np.abs((even[:, None] - corners + np.pi) % (2.0 * np.pi) - np.pi).min(axis=1)
         parts = [even[offset > 0.5 * even[1]], corners]
         for corner, behind, before in zip(corners, side, np.roll(side, 1), strict=True):
             parts += [corner + near * behind, corner - near * before]
         phi = np.unique(np.concatenate(parts) % (2.0 * np.pi))
         return phi, np.searchsorted(phi, corners % (2.0 * np.pi))
+
+    def lattice(self, count: int) -> np.ndarray:
+        """About so many complex places within, mm, on a square lattice that shares out the area."""
+        rim = self._dense[0] if self.smooth else self.points
+        step = float(np.sqrt(self.area_mm2 / count))
+        x, y = (
+            np.arange(part.min() + 0.5 * step, part.max(), step) for part in (rim.real, rim.imag)
+        )
+        places = (x + 1j * y[:, None]).ravel()
+        within = inside(rim, places) & (distance(rim, places) > 0.3 * step)
+        return places[within]
+
+    def beyond(self, z: np.ndarray) -> np.ndarray:
+        """Distance, mm, of complex points z from the skin: 0 within the rim."""
+        rim = self._dense[0] if self.smooth else self.points
+        return np.where(inside(rim, z), 0.0, distance(rim, z))
+
+    def nearest(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of complex points (n,), mm: angles of the nearest points of the rim, and distances."""
+        phi, _ = self.sampled_phi(1)
+        rim = self.place(phi)
+        step = np.roll(rim, -1) - rim
+        offset = np.asarray(z)[:, None] - rim
+        along = np.clip((offset * np.conj(step)).real / np.abs(step) ** 2, 0.0, 1.0)
+        away = np.abs(offset - along * step)
+        index, row = away.argmin(axis=1), np.arange(len(away))
+        span = (np.roll(phi, -1) - phi) % (2.0 * np.pi)
+        return phi[index] + along[row, index] * span[index], away[row, index]
 
     @cached_property
     def _turns(self) -> np.ndarray:
@@ -239,14 +271,9 @@ def distance(corners: np.ndarray, z: np.ndarray) -> np.ndarray:
 
 
 def _fade(x: np.ndarray, order: int) -> np.ndarray:
-    """(1 - x)^3 (1 + 3 x + 6 x^2) for x from 0 to 1, 0 beyond, or its derivative: from 1 to 0,
-    flat at both ends."""
-    y = np.clip(x, 0.0, 1.0)
-    if order == 0:
-        return (1.0 - y) ** 3 * (1.0 + 3.0 * y + 6.0 * y**2)
-    if order == 1:
-        return -30.0 * y**2 * (1.0 - y) ** 2
-    return -60.0 * y * (1.0 - y) * (1.0 - 2.0 * y)
+    """exp(-x^2), or its derivative of `order` <= 2."""
+    factor = (1.0, -2.0 * x, 4.0 * x**2 - 2.0)[order]
+    return factor * np.exp(-(x**2))
 
 
 def _crossing(points: np.ndarray) -> tuple[int, int] | None:

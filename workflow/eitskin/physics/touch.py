@@ -368,7 +368,7 @@ class TouchEdge(Circle):
         theta = np.angle(mapped[: 2 * count])
         starts, stops = theta[count:], np.roll(theta[:count], -1)
         spans = (stops - starts) % (2.0 * np.pi)
-        first_crossing = ((theta - starts[:, None]) % (2.0 * np.pi))
+        first_crossing = (theta - starts[:, None]) % (2.0 * np.pi)
         first_crossing = np.where(first_crossing > 0, first_crossing, np.inf).min(axis=1)
         if (first_crossing < spans).any():
             raise InputError("touch", "edge", f"{place} cut into pieces", "one piece")

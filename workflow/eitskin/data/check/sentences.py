@@ -7,7 +7,8 @@ from eitskin.data.check import clipping, measures, naming, wiring
 from eitskin.data.check.finding import ERROR, FACT, UNOBSERVABLE, WARNING, Finding
 from eitskin.data.check.missing import HOLD_S, missing_information
 from eitskin.data.recording import Recording
-from eitskin.physics.outline import EXPECTED, no_disc
+from eitskin.physics.outline import EXPECTED, not_simulated
+from eitskin.physics.rim_curve import RimCurve
 from eitskin.physics.skin import OPTIONAL
 from eitskin.quantities import counted, decimal, listed, percent, quantity
 
@@ -155,14 +156,18 @@ def _phase_text(recording: Recording) -> str:
 def skin(recording: Recording) -> list[Finding]:
     """The stated and the unknown properties of the skin and its wiring."""
     stated_skin = recording.skin
+    rim = stated_skin.outline if isinstance(stated_skin.outline, RimCurve) else None
     stated_parts, unknown_parts = [], []
     for key, (name, unit) in SKIN.items():
         value = getattr(stated_skin, key)
         if value is not None:
             stated_parts.append(f"{name} {quantity(value, unit)}")
-        elif key not in OPTIONAL:
+        elif key not in OPTIONAL and not (rim and key == "radius_mm"):
             unknown_parts.append(name)
-    if stated_skin.electrode_deg is None:
+    if rim:
+        stated_parts.append(f"a rim of {quantity(rim.perimeter_mm, 'mm')} in length")
+        stated_parts.append(f"{recording.n_electrodes} electrodes")
+    elif stated_skin.electrode_deg is None:
         unknown_parts.append("the electrodes' angles")
     else:
         stated_parts.append(
@@ -180,7 +185,7 @@ def skin(recording: Recording) -> list[Finding]:
 
 def outline(recording: Recording) -> list[Finding]:
     """A skin that is no disc with electrodes on its rim, which cannot be simulated."""
-    shape_fault = no_disc(recording.skin)
+    shape_fault = not_simulated(recording.skin)
     if shape_fault is None:
         return []
     place, description = shape_fault

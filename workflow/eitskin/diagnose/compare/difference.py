@@ -31,7 +31,7 @@ from eitskin.diagnose.compare.potentials import Potentials
 from eitskin.diagnose.compare.sheet import Sheet
 from eitskin.diagnose.compare.wander import Wander, wander
 from eitskin.errors import InputError
-from eitskin.physics.outline import no_disc
+from eitskin.physics.outline import not_simulated
 from eitskin.physics.protocol import reciprocal_channels
 
 THRESHOLD_NATS = 26.0  # false names: 2 to 5 % of pairs without a fault
@@ -190,7 +190,7 @@ def untouched_pair(control: Recording, later: Recording, names: tuple[str, str])
     skin = control.metadata["skin"]
     angles = skin.get("electrode_deg")
     # Objects are simulated on a disc.
-    if angles is None or len(angles) != n or no_disc(control.skin) is not None:
+    if angles is None or len(angles) != n or not_simulated(control.skin) is not None:
         angles = None
     return Pair(
         names,

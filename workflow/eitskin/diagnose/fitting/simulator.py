@@ -17,6 +17,7 @@ from eitskin.effects.effect import START, Moment, Setting
 from eitskin.errors import InputError
 from eitskin.physics.depth import span
 from eitskin.physics.geometry import Geometry
+from eitskin.physics.outline import laid_out
 from eitskin.physics.skin import Skin
 from eitskin.physics.solver import SolvedSkins
 from eitskin.simulate.readings import Sensed, apply_skin, read, sense, stage_settings
@@ -390,7 +391,7 @@ def _states(frames: pd.DataFrame) -> pd.DataFrame:
 
 def beliefs(recording: Recording) -> tuple[Skin, list[Calibration]]:
     """The skin as stated, with starts for what is not, and the calibrations."""
-    skin, metadata = recording.skin, recording.metadata
+    skin, metadata = laid_out(recording.skin), recording.metadata
     n = recording.n_electrodes
     stated_conductivity = skin.conductivity_S_per_m
     start, sd = CONDUCTIVITY
@@ -429,8 +430,7 @@ def beliefs(recording: Recording) -> tuple[Skin, list[Calibration]]:
             Calibration("robot_x_mm", "mm", float(shift[0]), 0.1 * radius, log=False),
             Calibration("robot_y_mm", "mm", float(shift[1]), 0.1 * radius, log=False),
         ]
-    # A stated outline has been checked by now, and the simulated skin is a disc.
-    return replace(skin, **values, outline=None, electrode_xy_mm=None), calibrations
+    return replace(skin, **values), calibrations
 
 
 def _aligned(states: pd.DataFrame, values: dict[str, float]) -> pd.DataFrame:

@@ -132,8 +132,10 @@ def names(evidence: Evidence, change_drawings: list[str]) -> str:
     )
     change = f"is {before}"
     if diagnosis["effects"] or diagnosis.get("families"):
-        own = own_sizes_misfit(evidence)
-        aside = "" if own is None else f" ({number(own)} with the rig's errors as learned before)"
+        earlier_sizes = own_sizes_misfit(evidence)
+        text = "" if earlier_sizes is None else number(earlier_sizes)
+        is_other = text not in ("", number(scores["chi2_per_dof_before"]))
+        aside = f" ({text} with the rig's errors as learned before)" if is_other else ""
         change = f"goes from {before}{aside} to {after}"
     role = "that decided nothing" if evidence.has_last else "held out in turn"
     parts = [

@@ -19,7 +19,7 @@ from eitskin.diagnose.report.evidence import Evidence
 from eitskin.diagnose.search.gates import DISTINCT, NOTHING_UNNAMED
 from eitskin.diagnose.verdict.words import is_certain, last_scores, place_text, sites_text
 from eitskin.effects import EFFECTS
-from eitskin.physics.geometry import even_angles
+from eitskin.physics.rim_curve import RimCurve
 from eitskin.plotting import (
     AFTER,
     BEFORE,
@@ -42,6 +42,7 @@ from eitskin.plotting import (
     style,
 )
 from eitskin.quantities import MINUS, number, power, prefixed, quantity
+from eitskin.skin_layout import SkinLayout, layout
 
 TITLES = (("before", BEFORE), ("after", AFTER))  # of pairs of panels, and their colours
 DASHED: tuple[float, tuple[int, int]] = (0, (4, 2))  # the line of what noise alone gives
@@ -49,10 +50,10 @@ MOST_VECTOR_DOTS = 3000  # of a figure: with more elements in its SVG a browser 
 RING_MM = 76.0  # height of the ring with its numbers, in a column of 85 mm
 LINE_MM = 4.0  # of text under the ring, at 7 points
 LINE_CHARACTERS = 54  # that fit in a line under the ring, at 7 points
-NUMBER_RADIUS = 1.13  # of an electrode's number, in radii of the skin: clear of its arc
-TAG_STEP = 0.19  # between numbered discs at one electrode, in radii of the skin: they do not touch
+NUMBER_GAP = 0.13  # of an electrode's number from the rim, in half extents of the skin
+TAG_STEP = 0.19  # between numbered discs at one electrode, in half extents: they do not touch
 MOST_TAGS = 3  # at one electrode or pair, for there is no room for more; the last counts the rest
-CHORD_RADIUS = 0.93  # of a pair's ends, in radii of the skin: clear of the electrodes' arcs
+CHORD_GAP = 0.07  # of a pair's ends from the rim, in half extents: clear of the electrodes
 MOST_CHORDS = 8  # drives or measuring pairs of one effect: with more, chords hide one another
 MOST_RIVALS = 5  # of one effect: the figure stays within half a page of paper
 BINS = 10  # of frames over an axis of the misfit: a line of ten dots is read at a glance
@@ -84,10 +85,10 @@ def draw(evidence: Evidence) -> dict[str, Figure | str]:
 
 def electrode_ring(evidence: Evidence) -> Figure:
     """The ring of electrodes, seen from the touched side: named sites marked, touches as dots."""
-    electrode_deg, radius = electrode_layout(evidence)
+    skin = skin_layout_of(evidence)
     effects, lines = _numbered_effects(evidence.diagnosis)
     marked_electrodes = {
-        label: effect["electrodes"] if 2 * len(effect["electrodes"]) <= len(electrode_deg) else []
+        label: effect["electrodes"] if 2 * len(effect["electrodes"]) <= len(skin.electrodes) else []
         for label, effect in effects
     }
     marks = [site for electrodes in marked_electrodes.values() for site in electrodes]
@@ -101,26 +102,31 @@ def electrode_ring(evidence: Evidence) -> Figure:
     axes.set_aspect("equal")
     axes.set_axis_off()
     axes.set(xlim=(-outer, outer), ylim=(-outer, outer))
-    axes.add_patch(Circle((0, 0), 1, facecolor="#f6f6f6", edgecolor=RIM, linewidth=0.8))
+    corners = skin.scaled(skin.rim)
+    axes.fill(corners.real, corners.imag, facecolor="#f6f6f6", edgecolor=RIM, linewidth=0.8)
     for label, effect in effects:
         if "name" in effect and EFFECTS[effect["name"]].disc:
-            _draw_patch(axes, effect["parameters"], radius, label)
+            _draw_patch(axes, effect["parameters"], skin, label)
     touched_frames = evidence.frames[evidence.frames["touch"]]
-    places = touched_frames[["x_mm", "y_mm"]].drop_duplicates() / radius
+    places = touched_frames[["x_mm", "y_mm"]].drop_duplicates().to_numpy()
+    dot = skin.scaled(places[:, 0] + 1j * places[:, 1])
     is_image = len(places) > MOST_VECTOR_DOTS
     dots: dict[str, Any] = {"s": 5, "color": QUIET, "linewidths": 0, "rasterized": is_image}
-    axes.scatter(places["x_mm"], places["y_mm"], **dots)
-    rim = np.exp(1j * np.radians(electrode_deg))
-    _draw_electrodes(axes, rim, marks)
+    axes.scatter(dot.real, dot.imag, **dots)
+    _draw_electrodes(axes, skin, marks)
+    electrodes = skin.scaled(skin.electrodes)
     for electrode in set(marks):
         labels = [
             label for label, electrodes in marked_electrodes.items() if electrode in electrodes
         ]
-        direction = rim[electrode]
-        _draw_tags(axes, (1.15 + TAG_STEP) * direction, TAG_STEP * direction, labels)
-    _draw_pairs(axes, effects, rim, evidence.channels)
+        step = TAG_STEP * skin.outward[electrode]
+        first_tag = electrodes[electrode] + 0.15 * skin.outward[electrode] + step
+        _draw_tags(axes, first_tag, step, labels)
+    chord_ends = electrodes - CHORD_GAP * skin.outward
+    _draw_pairs(axes, effects, chord_ends, evidence.channels)
     notes = ["seen from the touched side", "dots: touches" if len(places) else "no touches"]
-    if evidence.recording.skin.electrode_deg is None:
+    stated = evidence.recording.skin
+    if stated.electrode_deg is None and not isinstance(stated.outline, RimCurve):
         notes.append("angles unknown, drawn evenly")
     line_height = LINE_MM / height_mm
     note_y = line_height * (len(lines) + 0.5)
@@ -130,15 +136,17 @@ def electrode_ring(evidence: Evidence) -> Figure:
     return figure
 
 
-def _draw_electrodes(axes: Axes, rim: np.ndarray, marks: list[int]) -> None:
-    """An arc and its number for each electrode; rim (n,): their places on the unit circle."""
-    for electrode, place in enumerate(rim):
+def _draw_electrodes(axes: Axes, skin: SkinLayout, marks: list[int]) -> None:
+    """A line along the rim and its number for each electrode."""
+    places = skin.scaled(skin.electrodes)
+    half_length = min(0.07, 1.2 / len(places))
+    for electrode, (place, outward) in enumerate(zip(places, skin.outward, strict=True)):
         is_marked = electrode in marks
         colour = CULPRIT if is_marked else ELECTRODE
-        arc = place * np.exp(1j * np.linspace(-1, 1, 9) * min(0.07, 1.2 / len(rim)))
-        axes.plot(arc.real, arc.imag, color=colour, linewidth=5 if is_marked else 3.2)
+        line = place + 1j * outward * half_length * np.array([-1.0, 1.0])
+        axes.plot(line.real, line.imag, color=colour, linewidth=5 if is_marked else 3.2)
         weight = "bold" if is_marked else "normal"
-        label = NUMBER_RADIUS * place
+        label = place + NUMBER_GAP * outward
         axes.text(label.real, label.imag, str(electrode), color=colour, weight=weight, **CENTRED)
 
 
@@ -160,34 +168,32 @@ def _numbered_effects(diagnosis: dict) -> tuple[list[tuple[int | str, dict]], li
     return effects, [line for text in texts for line in wrapper.wrap(text)]
 
 
-def electrode_layout(evidence: Evidence) -> tuple[np.ndarray, float]:
-    """Angles (n,) deg of the electrodes, evenly where unknown, and the skin's radius, mm; where
-    that is unknown, one that holds every touch."""
-    skin, calibration = evidence.recording.skin, evidence.diagnosis["calibration"]
-    electrode_deg: Any = skin.electrode_deg
-    if electrode_deg is None:
-        electrode_deg = even_angles(evidence.recording.n_electrodes)
-    radius = skin.radius_mm or calibration.get("radius_mm", {}).get("value")
+def skin_layout_of(evidence: Evidence) -> SkinLayout:
+    """The skin as it is drawn; a disc of unknown radius holds every touch."""
+    recorded, calibration = evidence.recording, evidence.diagnosis["calibration"]
+    radius = calibration.get("radius_mm", {}).get("value")
     if radius is None:
         reach = np.hypot(evidence.frames["x_mm"], evidence.frames["y_mm"]).max()
         radius = 1.2 * reach if reach > 0 else 1.0
-    return np.asarray(electrode_deg, float), float(radius)
+    return layout(recorded.skin, recorded.n_electrodes, float(radius))
 
 
-def _draw_patch(axes: Axes, parameters: dict, radius: float, label: int | str) -> None:
-    """The disc of an effect that has one, with its label; radius: of the skin, mm."""
-    x, y, size = (parameters[key]["value"] / radius for key in ("x_mm", "y_mm", "radius_mm"))
-    axes.add_patch(Circle((x, y), size, facecolor=CULPRIT, alpha=0.25, linewidth=0))
-    _draw_tag(axes, complex(x, y), label)
+def _draw_patch(axes: Axes, parameters: dict, skin: SkinLayout, label: int | str) -> None:
+    """The disc of an effect that has one, with its label."""
+    x, y, size = (parameters[key]["value"] for key in ("x_mm", "y_mm", "radius_mm"))
+    place = complex(skin.scaled(np.array(complex(x, y))))
+    disc = {"facecolor": CULPRIT, "alpha": 0.25, "linewidth": 0}
+    axes.add_patch(Circle((place.real, place.imag), size / skin.half_extent_mm, **disc))
+    _draw_tag(axes, place, label)
 
 
-def _draw_pairs(axes: Axes, effects: list, rim: np.ndarray, channels: np.ndarray) -> None:
+def _draw_pairs(axes: Axes, effects: list, ends: np.ndarray, channels: np.ndarray) -> None:
     """The pairs that an effect is on as chords with its number, drives as arrows, measuring pairs
-    dotted; none for an effect on more than MOST_CHORDS."""
+    dotted; none for an effect on more than MOST_CHORDS. ends (n,): of chords at each electrode."""
     pair_labels: dict[tuple[int, int], list[int | str]] = {}
     for label, effect in effects:
         for kind, start, end in _effect_pairs(effect, channels):
-            a, b = CHORD_RADIUS * rim[start], CHORD_RADIUS * rim[end]
+            a, b = ends[start], ends[end]
             is_drive = kind == "drives"
             line = {"color": CULPRIT, "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0}
             line |= {"arrowstyle": "-|>" if is_drive else "-"}
@@ -195,7 +201,7 @@ def _draw_pairs(axes: Axes, effects: list, rim: np.ndarray, channels: np.ndarray
             axes.annotate("", (b.real, b.imag), (a.real, a.imag), arrowprops=line)
             pair_labels.setdefault((start, end), []).append(label)
     for (start, end), labels in pair_labels.items():
-        a, b = CHORD_RADIUS * rim[start], CHORD_RADIUS * rim[end]
+        a, b = ends[start], ends[end]
         middle = 0.5 * (a + b) if abs(a + b) > 0.5 else 0.3 * a
         _draw_tags(axes, 0.93 * middle, -TAG_STEP * middle, labels)
 
@@ -417,7 +423,7 @@ def misfit_place(evidence: Evidence) -> Figure | str:
     chi2, is_mapped = _chi2_per_reading(evidence), _is_mapped(evidence)
     if not is_mapped.any():
         return "No touch of known place, force and probe: there is no map of the misfit."
-    electrode_deg, radius = electrode_layout(evidence)
+    skin = skin_layout_of(evidence)
     touches = evidence.frames.loc[is_mapped, ["x_mm", "y_mm"]]
     columns = {title: misfit[is_mapped] for (title, _), misfit in zip(TITLES, chi2, strict=True)}
     places = touches.assign(**columns).groupby(["x_mm", "y_mm"], as_index=False).mean()
@@ -436,7 +442,7 @@ def misfit_place(evidence: Evidence) -> Figure | str:
         "rasterized": len(places) > MOST_VECTOR_DOTS,
     }
     for axes, (title, colour) in zip(row, TITLES, strict=True):
-        _draw_outline(axes, electrode_deg, radius)
+        draw_outline(axes, skin)
         image = axes.scatter(places["x_mm"], places["y_mm"], c=places[title], norm=norm, **dots)
         axes.set_aspect("equal")
         axes.set_title(title, color=colour)
@@ -470,12 +476,10 @@ def _is_mapped(evidence: Evidence) -> np.ndarray:
     return (evidence.frames["touch"] & has_place).to_numpy() & np.isfinite(chi2).all(axis=0)
 
 
-def _draw_outline(axes: Axes, electrode_deg: np.ndarray, radius: float) -> None:
+def draw_outline(axes: Axes, skin: SkinLayout) -> None:
     """The skin's rim and its electrodes, mm."""
-    rim = radius * np.exp(1j * np.radians(electrode_deg))
-    circle = radius * np.exp(2j * np.pi * np.linspace(0, 1, 181))
-    axes.plot(circle.real, circle.imag, color=RIM, linewidth=0.6)
-    axes.plot(rim.real, rim.imag, "s", color=ELECTRODE, markersize=2)
+    axes.plot(skin.rim.real, skin.rim.imag, color=RIM, linewidth=0.6)
+    axes.plot(skin.electrodes.real, skin.electrodes.imag, "s", color=ELECTRODE, markersize=2)
 
 
 def _chi2_per_reading(evidence: Evidence) -> list[np.ndarray]:

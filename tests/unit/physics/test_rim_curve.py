@@ -1,0 +1,116 @@
+"""Rims by their length: corners, smooth curves, motions along the normal, and what is no rim."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eitskin.errors import InputError
+from eitskin.physics.rim_curve import RimCurve, distance, inside
+from eitskin.physics.skin import Skin
+
+L_SHAPE = ((0, 0), (100, 0), (100, 50), (50, 50), (50, 100), (0, 100))
+PHI = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False) + 0.003
+
+
+def ellipse(a, b, count=720):
+    angle = 2.0 * np.pi * np.arange(count) / count
+    return RimCurve(tuple(zip(a * np.cos(angle), b * np.sin(angle), strict=True)), smooth=True)
+
+
+def test_a_polygon_is_walked_at_even_speed():
+    rim = RimCurve(L_SHAPE)
+    assert rim.perimeter_mm == pytest.approx(400.0) and rim.area_mm2 == pytest.approx(7500.0)
+    np.testing.assert_allclose(
+        rim.corner_phi, 2 * np.pi * np.array([0, 100, 150, 200, 250, 300]) / 400
+    )
+    places = rim.place(2.0 * np.pi * np.array([0.125, 0.4375, 0.99]))
+    np.testing.assert_allclose(places, [50, 75 + 50j, 4j], atol=1e-12)
+    np.testing.assert_allclose(
+        rim.normal(2.0 * np.pi * np.array([0.125, 0.4375])), [-1j, 1j], atol=1e-12
+    )
+
+
+def test_an_ellipse_has_its_length_and_even_speed():
+    from scipy.special import ellipe
+
+    rim = ellipse(80.0, 40.0)
+    assert rim.perimeter_mm == pytest.approx(4.0 * 80.0 * ellipe(0.75), rel=1e-12)
+    assert rim.area_mm2 == pytest.approx(np.pi * 3200.0, rel=1e-10)
+    speed = np.abs(rim.place(PHI, 1)) * 2.0 * np.pi / rim.perimeter_mm
+    np.testing.assert_allclose(speed, 1.0, atol=1e-8)
+
+
+@pytest.mark.parametrize("rim", [RimCurve(L_SHAPE), ellipse(60.0, 45.0)], ids=["L", "ellipse"])
+@pytest.mark.parametrize("order", [0, 1])
+def test_derivatives_are_those_of_differences(rim, order):
+    step = 1e-6
+    for curve in (rim.place, rim.mitred_normal):
+        difference = (curve(PHI + step, order) - curve(PHI - step, order)) / (2.0 * step)
+        np.testing.assert_allclose(curve(PHI, order + 1), difference, atol=2e-4, rtol=1e-5)
+
+
+def test_sides_that_move_outwards_still_meet():
+    rim = RimCurve(L_SHAPE)
+    for corner in rim.corner_phi:
+        before, after = rim.mitred_normal(np.array([corner - 1e-9, corner + 1e-9]))
+        assert abs(before - after) < 1e-6
+        assert abs(before) == pytest.approx(np.sqrt(2.0), rel=1e-6)
+
+
+@given(x=st.floats(-20, 120), y=st.floats(-20, 120))
+def test_a_place_is_within_or_at_its_distance(x, y):
+    rim = RimCurve(L_SHAPE)
+    is_within = (0 < x < 100 and 0 < y < 50) or (0 < x < 50 and 0 < y < 100)
+    z = np.array([complex(x, y)])
+    away = distance(rim.points, z)[0]
+    if away > 1e-9:
+        assert inside(rim.points, z)[0] == is_within
+    phi, nearest = rim.nearest(z)
+    assert nearest[0] == pytest.approx(away, abs=1e-9)
+    assert abs(rim.place(phi)[0] - z[0]) == pytest.approx(away, abs=1e-9)
+
+
+def test_its_centre_lies_in_the_middle_of_a_strip():
+    strip = RimCurve(((0, 0), (1000, 0), (1000, 100), (0, 100)))
+    assert abs(strip.centre - (500 + 50j)) < 20.0
+
+
+def outline(**words):
+    keys = ("radius_mm", "thickness_mm", "conductivity_S_per_m", "electrode_deg")
+    keys += ("electrode_width_mm", "contact_impedivity_ohm_m2", "current_A", "contrast_per_N")
+    return Skin.from_metadata({**dict.fromkeys(keys), "outline": words}).outline
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        ({"corners_mm": [[0, 0], [50, 50], [50, 0], [0, 50]]}, "meet"),
+        ({"corners_mm": [[0, 0], [0, 50], [50, 50], [50, 0]]}, "clockwise"),
+        ({"corners_mm": [[0, 0], [50, 0], [50, 0], [50, 50]]}, "twice in a row"),
+        ({"corners_mm": [[0, 0], [50, 0], [50, 50], [0, 0]]}, "twice in a row"),
+        ({"corners_mm": [[0, 0], [50, 0]]}, "3 or more"),
+        ({"corners_mm": [[0, 0], [50, 0], [50, float("nan")]]}, "places"),
+        ({"corners_mm": [[0, 0], [50, 0], ["50", 50]]}, "places"),
+        ({"corners_mm": [[np.cos(t), np.sin(t)] for t in np.linspace(0, 6, 99)]}, "smooth"),
+        ({"corners_mm": [[0, 0], [50, 0], [100, 0]]}, "on a line"),
+        ({"corners_mm": [[0, 0], [50, 0], [50, 50]], "smooth": "yes"}, "true or false"),
+        ({"corners_mm": [[0, 0], [50, 0], [50, 50]], "holes": []}, "keys"),
+        ({"shape": "rectangle", "width_mm": 100}, "height_mm"),
+        ({"shape": "rectangle", "width_mm": 100, "height_mm": -70}, "height_mm"),
+        ({"shape": "hand", "width_mm": 100, "height_mm": 70}, "rectangle"),
+        ({"shape": "rectangle", "width_mm": "100", "height_mm": 70}, "height_mm"),
+        ({}, "none"),
+    ],
+)
+def test_what_is_no_rim_is_one_message(words, found):
+    with pytest.raises(InputError, match="outline") as refusal:
+        outline(**words)
+    assert found in str(refusal.value)
+
+
+def test_a_rectangle_begins_at_its_lower_left_corner_and_is_written_by_its_corners():
+    rim = outline(shape="rectangle", width_mm=100, height_mm=70)
+    assert rim.points_mm[0] == (-50.0, -35.0)
+    again = outline(**{"corners_mm": [list(corner) for corner in rim.points_mm]})
+    assert again == rim

@@ -1,0 +1,48 @@
+"""Where a skin's rim and electrodes lie, to be drawn: of a disc or of any outline."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from eitskin.physics.geometry import even_angles
+from eitskin.physics.outline import laid_out
+from eitskin.physics.rim_curve import RimCurve
+from eitskin.physics.skin import Skin
+
+RIM_POINTS = 360  # of a drawn curve
+
+
+@dataclass(frozen=True)
+class SkinLayout:
+    """Complex places, x + i y, in mm: the rim (K,), closed, the electrodes' middles (n,) and unit
+    normals there (n,), outwards. centre and half_extent_mm: of the smallest square about the rim.
+    """
+
+    rim: np.ndarray
+    electrodes: np.ndarray
+    outward: np.ndarray
+    centre: complex
+    half_extent_mm: float
+
+    def scaled(self, z: np.ndarray) -> np.ndarray:
+        """Places z, mm, in half extents about the centre."""
+        return (z - self.centre) / self.half_extent_mm
+
+
+def layout(skin: Skin, n_electrodes: int, radius_mm: float) -> SkinLayout:
+    """The layout of a skin; radius_mm: of a disc whose radius is not stated; electrodes at unknown
+    angles are even. Raises InputError for an outline that `outline.refuse` refuses."""
+    if isinstance(skin.outline, RimCurve):
+        stated, rim = laid_out(skin), skin.outline
+        phi = np.radians(np.array(stated.electrode_deg))
+        curve = rim.place(rim.sampled_phi(1)[0]) if rim.smooth else rim.points
+        closed = np.append(curve, curve[0])
+        x, y = closed.real, closed.imag
+        centre = complex(0.5 * (x.min() + x.max()), 0.5 * (y.min() + y.max()))
+        half_extent = 0.5 * float(max(np.ptp(x), np.ptp(y)))
+        return SkinLayout(closed, rim.place(phi), rim.normal(phi), centre, half_extent)
+    angles = even_angles(n_electrodes) if skin.electrode_deg is None else skin.electrode_deg
+    radius = skin.radius_mm or radius_mm
+    circle = radius * np.exp(2j * np.pi * np.arange(RIM_POINTS + 1) / RIM_POINTS)
+    outward = np.exp(1j * np.radians(np.asarray(angles, float)))
+    return SkinLayout(circle, radius * outward, outward, 0j, float(radius))
