@@ -141,9 +141,10 @@ mutants: .venv/installed-test
 	@echo "eitskin: making rules that decide wrong, one by one; some minutes"
 	@$(BIN)/python -m benchmark.mutants benchmarks/mutants.yaml
 
-accuracy: .venv/installed
+accuracy: .venv/installed-test
 	@echo "eitskin: measuring the forward model's numerical error"
 	@$(BIN)/python -m benchmark.accuracy
+	@$(BIN)/python -m benchmark.outlines
 
 # Not captures: nothing makes them again.
 clean:

@@ -36,6 +36,7 @@ def _entry(effect: Effect) -> str:
     facts = {
         "Varies with": effect.driver,
         "Sites": ", ".join(effect.sites) or "the whole skin",
+        "Skins": "discs and any outline" if effect.on_outlines else "discs alone",
         "Source": effect.source,
         "Looks like": ", ".join(effect.confusable) or "nothing else",
         "Shown by": effect.shown_by,

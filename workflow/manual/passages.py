@@ -469,6 +469,25 @@ def accuracy() -> Iterable[str]:
     )
 
 
+def outline_accuracy() -> Iterable[str]:
+    """The forward model beside finite elements on outlines, of `benchmark.outlines`."""
+    rows = pd.read_csv(ROOT / "benchmarks" / "outlines.csv")
+    keys = ("rms_error_of_median_v", "touch_error", "cut_touch_error", "witness_error")
+    lines = [
+        (row["outline"], f"refused: {row['refused']}", *("" for _ in keys), "")
+        if isinstance(row["refused"], str)
+        else (
+            row["outline"],
+            row["accuracy"],
+            *(_power(row[key]) for key in keys),
+            f"{row['seconds']:.2f}",
+        )
+        for _, row in rows.iterrows()
+    ]
+    heads = ("outline", "accuracy", "RMS error / median \\|v\\|", "touch", "touch cut by the rim")
+    return table((*heads, "finite elements' own error", "processor s, both accuracies"), lines)
+
+
 def _power(value: float) -> str:
     return f"{value:.1e}" if value else "closed form"
 
@@ -519,6 +538,6 @@ PASSAGES: dict[str, Callable[..., Iterable[str]]] = {
         ),
         *(tuning, tuning_quarter, ablation, limit, limit_ratios, lost_electrodes, speed, sample),
         gallery,
-        *(accuracy, verdicts),
+        *(accuracy, outline_accuracy, verdicts),
     )
 }

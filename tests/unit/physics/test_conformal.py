@@ -8,10 +8,11 @@ from numpy.polynomial import polynomial
 
 from eitskin.errors import InputError
 from eitskin.physics.conformal import MOST_ORDER, DiscMap, DiscMaps, Series
-from eitskin.physics.forward import RIM_PHI, disc_map
-from eitskin.physics.geometry import Geometry
+from eitskin.physics.forward import disc_map
+from eitskin.physics.geometry import ROUND_POINTS, Geometry
 
 ROUND = np.exp(2j * np.pi * np.arange(256) / 256)
+BETWEEN = 2.0 * np.pi * (np.arange(ROUND_POINTS) + 0.5) / ROUND_POINTS
 
 
 @pytest.mark.parametrize("centre", [0.0, 0.2, 0.15 - 0.25j])
@@ -32,7 +33,7 @@ def test_a_disc_about_another_centre_is_mapped_by_moebius(centre):
 def test_far_from_a_disc_the_rim_goes_to_the_circle(values):
     """The largest distance, between the points fitted."""
     geometry = Geometry(80.0, 3.0, 0.5, np.arange(16) * 22.5, 5.0, 1e-3, **values)
-    between = geometry.unfold(geometry.rim(RIM_PHI + 0.5 * RIM_PHI[1]))
+    between = geometry.unfold(geometry.rim(BETWEEN))
     assert np.abs(np.abs(disc_map(geometry)(between)) - 1.0).max() < 1e-9
 
 

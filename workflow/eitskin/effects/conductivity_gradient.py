@@ -4,7 +4,6 @@ import numpy as np
 
 from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
 from eitskin.physics.geometry import Geometry
-from eitskin.physics.skin import Skin
 
 
 class ConductivityGradient(SkinEffect):
@@ -12,6 +11,7 @@ class ConductivityGradient(SkinEffect):
 
     name = "conductivity-gradient"
     driver = "static"
+    on_outlines = False
     parameters = {
         "relative_across": Parameter("1", 0.0, 0.0, 1.5, scale=0.05, dense=False),
         "angle_deg": Parameter("°", 0.0, -360.0, 360.0, scale=90.0, dense=False),
@@ -24,10 +24,6 @@ class ConductivityGradient(SkinEffect):
     )
     shown_by = "a recording with absolute values"
     confusable = ("conductivity-patch",)
-
-    def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:
-        """The neutral values; none on an outline, where its correction is not modelled."""
-        return [] if skin.outline is not None else [{}]
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry with this gradient added to what it has."""

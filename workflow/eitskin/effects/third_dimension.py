@@ -25,6 +25,7 @@ class ThirdDimension(SkinEffect):
 
     name = "third-dimension"
     driver = "static"
+    on_outlines = False
     needs = ("electrode_height_mm",)
     parameters = {
         "depth_mm": Parameter("mm", None, 0.1, 1000.0, scale=0.3, dense=False, optional=True),
@@ -50,8 +51,6 @@ class ThirdDimension(SkinEffect):
         """Starting values: the depth, unless the thickness is stated; with each the height,
         unless it is stated, as shares of the depth; with both the place, unless it is stated,
         where such electrodes fit."""
-        if skin.outline is not None:
-            return []  # bodies are discs
         height, z = skin.electrode_height_mm, skin.electrode_z_mm
         half = 0.5 * (height or 0.0)
         top = half + (half if z is None else z)

@@ -37,6 +37,7 @@ FINENESSES = (Fineness(20, 0.5), Fineness(28, 0.35), Fineness(40, 0.3), Fineness
 FINE_DEFECT, COARSE_DEFECT = 1e-8, 1e-5
 # Of a defect in the least arc of an electrode, which narrow skins crowd on the disc: wanted, most.
 FINE_SHARE, COARSE_SHARE = 1e-5, 1e-4
+OUTLINE_EFFORT, OUTLINE_TOUCH_EFFORT = 5.0, 0.6  # of a new map with poles, of a place on it
 KEPT_MAPS = 12  # of outlines, some megabytes each
 
 _maps: dict[tuple, DiscMap | ValueError] = {}
@@ -190,9 +191,16 @@ class Forward:
             self.electrodes = donor.electrodes.with_contacts(geometry)
         else:
             self.disc = disc_map(geometry)
+            if geometry.outline:
+                self.effort = OUTLINE_EFFORT
             self._touch_cache = TouchCache()
+            if geometry.gradient_across and geometry.outline:
+                actual, expected = f"{geometry.gradient_across:g}", "0 on a skin that is no disc"
+                raise InputError("skin", "gradient_across", actual, expected)
             self.bulk = GradientBulk(geometry, self.disc) if geometry.gradient_across else None
             self.electrodes = Electrodes(geometry, self.disc, modes, self.bulk)
+        if geometry.outline:
+            self.touch_effort = OUTLINE_TOUCH_EFFORT
         self.sheet_resistance = geometry.sheet_resistance_ohm
         self._relax_electrodes(self.electrodes.matrix)
 

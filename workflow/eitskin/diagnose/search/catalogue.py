@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from eitskin.diagnose.fitting.candidates import Candidate, Scales
-from eitskin.diagnose.search.gates import COMPOSED, CONTACTS, FLOATING, STATED, TIMED
+from eitskin.diagnose.search.gates import COMPOSED, CONTACTS, FLOATING, MODELLED, STATED, TIMED
 from eitskin.diagnose.search.journal import Journal
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import Effect
@@ -61,6 +61,7 @@ def _is_sought(effect: Effect, conditions: Conditions, journal: Journal) -> bool
     for gate, holds in (
         (COMPOSED, not effect.composite),
         (CONTACTS, has_contacts),
+        (MODELLED, effect.on_outlines or skin.outline is None),
         (STATED, effect.is_stated(skin, conditions.touched)),
         (TIMED, conditions.timed or effect.driver != "time"),
         (FLOATING, conditions.floating or not effect.last_resort),

@@ -88,6 +88,16 @@ STATED = Gate(
     "effects of a body, where somebody touches",
     "the skin's metadata do not state what it needs where somebody touches",
 )
+MODELLED = Gate(
+    "modelled",
+    "the effect is modelled on a skin of this outline",
+    1,
+    "at least",
+    "scope",
+    "definition of the effect (`on_outlines`)",
+    "effects of a body, and a gradient of the conductivity",
+    "it is modelled on discs alone, and the skin is none",
+)
 TIMED = Gate(
     "timed",
     "the clock of the recording was measured",

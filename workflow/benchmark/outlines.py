@@ -1,0 +1,102 @@
+"""The forward model on outlines that are no discs, against finite elements that share nothing with
+it."""
+
+import time
+
+import numpy as np
+import pandas as pd
+
+from benchmark.rows import ROOT
+from eitskin.atomic import atomic_path
+from eitskin.errors import InputError
+from eitskin.physics.forward import ACCURACIES, Forward
+from eitskin.physics.geometry import Geometry
+from eitskin.physics.rim_curve import RimCurve
+from eitskin.progress import patient
+from witness.outline_cases import (
+    CONDUCTIVITY_S_PER_M,
+    NAMES,
+    THICKNESS_MM,
+    OutlineCase,
+    adjacent_channels,
+    outline_case,
+)
+from witness.outline_skin import RimElectrode
+
+CSV = ROOT / "benchmarks" / "outlines.csv"
+SMOOTH_POINTS = 1000  # through which a curve of the witness is drawn
+
+
+def geometry(case: OutlineCase) -> Geometry:
+    """The skin as the forward model takes it. Raises InputError for what it does not model."""
+    definition, electrodes = case.definition, case.electrodes
+    on_rim = [e for e in electrodes if isinstance(e, RimElectrode)]
+    if len(on_rim) < len(electrodes):
+        raise InputError(case.name, "electrodes", "some inside the skin", "all on the rim")
+    if definition["kind"] == "flat disc":
+        raise InputError(case.name, "outline", "corners beside a curve", "corners or a curve")
+    if definition["kind"] == "polygon":
+        rim = RimCurve(tuple(map(tuple, definition["corners_mm"])))
+    else:
+        points = case.outline.place(np.arange(SMOOTH_POINTS) / SMOOTH_POINTS)
+        rim = RimCurve(tuple(zip(points.real, points.imag, strict=True)), smooth=True)
+    return Geometry(
+        rim.perimeter_mm / (2.0 * np.pi),
+        THICKNESS_MM,
+        CONDUCTIVITY_S_PER_M,
+        360.0 * np.array([electrode.share for electrode in on_rim]),
+        np.array([electrode.width_mm for electrode in on_rim]),
+        np.array([electrode.impedivity_ohm_m2 for electrode in on_rim]),
+        outline=rim,
+    )
+
+
+def rows(name: str) -> list[dict]:
+    """One row for each named accuracy: RMS error untouched over the median |v|, the largest
+    relative error of a touch's change on the skin and of one cut by the rim, the witness' own
+    error, and processor seconds; or what refuses the outline."""
+    case, channels = outline_case(name), adjacent_channels()
+    try:
+        skin = geometry(case)
+        begun = time.process_time()
+        solved = {accuracy: Forward(skin, accuracy) for accuracy in ACCURACIES}
+        seconds = time.process_time() - begun
+    except InputError as error:
+        return [{"outline": name, "refused": f"{error.place}: {error.actual}"}]
+    witness = case.skin()
+    untouched, changes = witness.changes(channels, list(case.touches))
+    witness_untouched, witness_touched = witness.numerical_error(channels, list(case.touches))
+    table = []
+    for accuracy, forward in solved.items():
+        error = forward.voltages(channels) - untouched
+        touched = []
+        for touch, true in zip(case.touches, changes, strict=True):
+            modes = forward.place(touch.x_mm, touch.y_mm, touch.radius_mm)
+            change = modes.channel_change(channels, [touch.contrast])[0]
+            touched.append(np.linalg.norm(change - true) / np.linalg.norm(true))
+        table.append(
+            {
+                "outline": name,
+                "accuracy": accuracy,
+                "rms_error_of_median_v": np.sqrt(np.mean(error**2)) / np.median(np.abs(untouched)),
+                "touch_error": max(touched[:2]),
+                "cut_touch_error": max(touched[2:]),
+                "witness_error": witness_untouched,
+                "witness_touch_error": np.max(witness_touched),
+                "seconds": seconds,
+            }
+        )
+    return table
+
+
+def main() -> None:
+    """Print the table; write it to benchmarks/outlines.csv."""
+    table = pd.DataFrame([row for name in patient(NAMES, "outlines") for row in rows(name)])
+    with atomic_path(CSV) as temporary:
+        table.to_csv(temporary, index=False, float_format="%.3g")
+    print(table.to_string(index=False, float_format=lambda v: f"{v:.2g}"))
+    print(f"written to {CSV}")
+
+
+if __name__ == "__main__":
+    main()
