@@ -68,7 +68,7 @@ def rows(name: str) -> list[dict]:
     witness_untouched, witness_touched = witness.numerical_error(channels, list(case.touches))
     table = []
     for accuracy, forward in solved.items():
-        error = forward.voltages(channels) - untouched
+        difference = forward.voltages(channels) - untouched
         touched = []
         for touch, true in zip(case.touches, changes, strict=True):
             modes = forward.place(touch.x_mm, touch.y_mm, touch.radius_mm)
@@ -78,7 +78,8 @@ def rows(name: str) -> list[dict]:
             {
                 "outline": name,
                 "accuracy": accuracy,
-                "rms_error_of_median_v": np.sqrt(np.mean(error**2)) / np.median(np.abs(untouched)),
+                "rms_error_of_median_v": np.sqrt(np.mean(difference**2))
+                / np.median(np.abs(untouched)),
                 "touch_error": max(touched[:2]),
                 "cut_touch_error": max(touched[2:]),
                 "witness_error": witness_untouched,

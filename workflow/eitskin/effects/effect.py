@@ -88,8 +88,8 @@ class Effect:
     is this effect, not another's; either: parameters that are laws of their own, of which a
     diagnosis names one; tone: whether it is a steady tone, whose `frequency_Hz` a periodogram
     finds; disc: whether it multiplies the conductivity by `contrast` within a disc at `x_mm`,
-    `y_mm` of `radius_mm`; on_outlines: whether it is modelled on skins that are no discs; identities: other causes of the same readings, which a diagnosis names
-    beside it.
+    `y_mm` of `radius_mm`; on_outlines: whether it is modelled on skins that are no discs;
+    identities: other causes of the same readings, which a diagnosis names beside it.
     """
 
     name: str
