@@ -53,9 +53,12 @@ def channels(protocol: "PyEITProtocol") -> np.ndarray:
 
 def pyeit_mesh(geometry: Geometry, mesh_size: float = MESH_SIZE) -> "PyEITMesh":
     """A mesh of pyEIT in mm, with point electrodes at the centres of the skin's, on its rim, which
-    may be out of round; mesh_size: of an edge, in radii."""
+    may be out of round; mesh_size: of an edge, in radii. Raises InputError for a skin that is no
+    disc."""
     from pyeit.mesh.wrapper import PyEITMesh, create
 
+    if geometry.outline:
+        raise InputError("skin", "outline", "a skin that is no disc", "a disc, for a mesh of pyEIT")
     angle = np.radians(geometry.electrode_deg)
     fixed = np.column_stack([np.cos(angle), np.sin(angle)])
     disc = create(len(angle), h0=mesh_size, p_fix=fixed)

@@ -23,6 +23,7 @@ from eitskin.diagnose.verdict import words
 from eitskin.diagnose.verdict.record import Record, record
 from eitskin.errors import InputError
 from eitskin.physics import outline
+from eitskin.physics.rim_curve import RimCurve
 from eitskin.physics.skin import Skin
 from eitskin.simulators import Simulator
 
@@ -122,8 +123,14 @@ class Jacobian:
 
 def pixels(skin: Skin, across: int = ACROSS) -> np.ndarray:
     """(K, 3): x_mm, y_mm, radius_mm of discs as large as the cells of a square grid with `across`
-    cells over the skin, at the centres of those that lie on it."""
+    cells over the skin, at the centres of those that lie on it; on an outline of as many cells as
+    on a disc of its area."""
     assert skin.radius_mm is not None
+    if isinstance(skin.outline, RimCurve):
+        count = round(0.25 * np.pi * across**2)
+        centre = skin.outline.lattice(count)
+        radius = float(np.sqrt(skin.outline.area_mm2 / count / np.pi))
+        return np.column_stack([centre.real, centre.imag, np.full(len(centre), radius)])
     centre = skin.radius_mm * reconstruct.pixels(across)
     radius = 2.0 * skin.radius_mm / across / np.sqrt(np.pi)
     return np.column_stack([centre.real, centre.imag, np.full(len(centre), radius)])
@@ -222,8 +229,8 @@ def diagnose(
     """What the simulation of a recording leaves out, as `eitskin diagnose` says it.
 
     query: states to predict, in `record.prediction` of the answer; anyway: go on with what the
-    check calls unusable. Raises InputError for a query in place of a recording, a skin that is no
-    disc, and a recording that is not usable.
+    check calls unusable. Raises InputError for a query in place of a recording, a skin that
+    cannot be simulated, and a recording that is not usable.
     """
     recording.voltages(recorded, name)
     outline.refuse(recorded.skin)

@@ -421,6 +421,9 @@ def beliefs(recording: Recording) -> tuple[Skin, list[Calibration]]:
     if metadata["unit"] == "arbitrary":
         calibrations.append(Calibration("factor", "1", 1.0, FACTOR_SD))
     if metadata["position_frame"] == "robot" and recording.frames.touch.any():
+        if skin.outline is not None:
+            actual = "robot, on a skin that is no disc"
+            raise InputError("recording", "position_frame", actual, "places in the skin's frame")
         similarity = alignment.fit(recording)
         scale = similarity.scale * (1.0 if skin.radius_mm else radius)
         shift = np.array(similarity.shift) * (1.0 if skin.radius_mm else radius)
