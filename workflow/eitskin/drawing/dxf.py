@@ -1,20 +1,19 @@
 """Curves of a DXF drawing."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-import ezdxf
 import numpy as np
 from ezdxf import units
-from ezdxf.math import Vec3
+from ezdxf.filemanagement import readfile
+from ezdxf.lldxf.const import DXFError
 
 from eitskin.drawing.curves import CURVE_POINTS, Curve, Drawing
 from eitskin.errors import InputError, refused
 
 UNITLESS = 0  # of $INSUNITS
-SAG_SHARE = 1e-5  # of a curve's extent, which its chords may leave
-BENT = ("ARC", "CIRCLE", "ELLIPSE", "SPLINE")
+SAG_SHARE = 1e-5  # of a spline's extent, which its chords may leave
 COMPOUND = ("LWPOLYLINE", "POLYLINE", "INSERT")
 DEEPEST = 8  # blocks within blocks
 
@@ -25,8 +24,8 @@ def read(path: str | Path) -> Drawing:
     Raises InputError for a file that cannot be read and for one that is no DXF.
     """
     try:
-        document = ezdxf.readfile(str(path))
-    except ezdxf.DXFError as error:
+        document = readfile(str(path))
+    except DXFError as error:
         raise InputError(path, "file", str(error).partition("\n")[0], "a DXF drawing") from error
     except UnicodeDecodeError as error:
         raise InputError(path, f"byte {error.start}", "no text", "a DXF drawing") from error
@@ -42,9 +41,13 @@ def read(path: str | Path) -> Drawing:
         for curve in _curves(entity, frozenset(), DEEPEST)
     ]
     unit = document.header.get("$INSUNITS", UNITLESS)
-    return Drawing(
-        tuple(curves), None if unit == UNITLESS else units.conversion_factor(unit, units.MM)
-    )
+    if unit == UNITLESS:
+        return Drawing(tuple(curves), None)
+    try:
+        factor = units.conversion_factor(units.InsertUnits(unit), units.MM)
+    except ValueError as error:
+        raise InputError(path, "$INSUNITS", unit, "1 inch, 4 mm, 5 cm or 6 m") from error
+    return Drawing(tuple(curves), factor)
 
 
 def _curves(entity: Any, names: frozenset[str], depth: int) -> Iterator[Curve]:
@@ -72,12 +75,22 @@ def _pieces(entity: Any) -> list[np.ndarray]:
         return [_complex([entity.dxf.location])]
     if kind == "LINE":
         piece = _complex([entity.dxf.start, entity.dxf.end])
-    elif kind in BENT:
-        coarse = _complex(list(entity.flattening(1.0))) if kind == "SPLINE" else None
-        size = entity.dxf.radius if kind in ("ARC", "CIRCLE") else _size(entity, coarse)
+    elif kind == "CIRCLE":
+        piece = _complex(entity.vertices(np.linspace(0.0, 360.0, CURVE_POINTS)))
+    elif kind == "ARC":
+        start, end = entity.dxf.start_angle, entity.dxf.end_angle
+        span = (end - start) % 360.0 or 360.0
+        piece = _complex(entity.vertices(np.linspace(start, start + span, CURVE_POINTS)))
+    elif kind == "ELLIPSE":
+        start, end = entity.dxf.start_param, entity.dxf.end_param
+        span = (end - start) % (2.0 * np.pi) or 2.0 * np.pi
+        piece = _complex(entity.vertices(np.linspace(start, start + span, CURVE_POINTS)))
+    elif kind == "SPLINE":
+        coarse = _complex(entity.flattening(1.0))
+        size = float(max(np.ptp(coarse.real), np.ptp(coarse.imag)))
         if not size > 0:
             return []
-        piece = _complex(list(entity.flattening(SAG_SHARE * size)))
+        piece = _complex(entity.flattening(SAG_SHARE * size))
         if len(piece) == 2:
             piece = np.linspace(piece[0], piece[1], CURVE_POINTS)
     else:
@@ -85,11 +98,5 @@ def _pieces(entity: Any) -> list[np.ndarray]:
     return [piece] if np.ptp(piece.real) or np.ptp(piece.imag) else []
 
 
-def _size(entity: Any, coarse: np.ndarray | None) -> float:
-    if coarse is None:
-        return float(Vec3(entity.dxf.major_axis).magnitude)
-    return float(max(np.ptp(coarse.real), np.ptp(coarse.imag)))
-
-
-def _complex(points: list) -> np.ndarray:
+def _complex(points: Iterable[Any]) -> np.ndarray:
     return np.array([complex(point[0], point[1]) for point in points])

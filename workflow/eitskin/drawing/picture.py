@@ -16,7 +16,8 @@ CROWDED = 0.7  # height of a number, of the smallest distance between electrodes
 STRETCH_POINTS = 25  # of a drawn electrode
 SHORTER = 0.12  # of an arrow, left free at each end
 STYLE = """\
-text { font-family: sans-serif; fill: #222 }
+text { font-family: sans-serif; fill: #222; stroke: #fff; stroke-opacity: 0.8 }
+text { stroke-width: 0.25em; stroke-linejoin: round; paint-order: stroke }
 .rim { fill: #f2f6fa; stroke: #222 }
 .electrode { fill: none; stroke: #c0392b; stroke-linecap: butt }
 .dot { fill: #c0392b }
@@ -44,9 +45,9 @@ def picture(skin: Skin, drives: np.ndarray, n_electrodes: int, title: str) -> st
         number = min(letter, max(CROWDED * float(spacing), 0.25 * letter))
     line = 0.1 * letter
     parts = [f'<path id="rim" class="rim" stroke-width="{line:.4g}" d="{_path(drawn.rim)} Z"/>']
-    parts += _axes(drawn.centre, letter)
-    parts += _lengths(drawn.rim, rim, letter)
+    parts += _axes(letter)
     parts += _arrows(electrodes - 0.9 * letter * outward, drives, line)
+    parts += _lengths(rim, letter)
     marks = _electrodes(skin, n_electrodes, electrodes, 2.5 * line)
     parts += ['<g id="electrodes">', *marks, "</g>"]
     parts += [
@@ -89,8 +90,8 @@ def _text(words: str, place: complex, letter: float, anchor: str = "middle", nam
     )
 
 
-def _axes(origin: complex, letter: float) -> list[str]:
-    """Arrows along x and y from the origin of the places, if it is the middle of the box."""
+def _axes(letter: float) -> list[str]:
+    """Lines along x and y from the origin of the places."""
     parts = []
     for word, direction in (("x", 1.0 + 0j), ("y", 1j)):
         end = 2.0 * letter * direction
@@ -101,8 +102,8 @@ def _axes(origin: complex, letter: float) -> list[str]:
     return parts
 
 
-def _lengths(drawn: np.ndarray, rim: RimCurve | None, letter: float) -> list[str]:
-    """The length of every side, beside its middle and within; of a bent rim width and height."""
+def _lengths(rim: RimCurve | None, letter: float) -> list[str]:
+    """The length of every side, in mm, beside its middle and within; none of a bent rim."""
     if rim is None or rim.smooth or len(rim.points) > MOST_LENGTHS:
         return []
     steps = rim.steps

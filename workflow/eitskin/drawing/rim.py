@@ -7,9 +7,11 @@ import numpy as np
 
 from eitskin.drawing.curves import Curve, Drawing, joined
 from eitskin.errors import InputError
+from eitskin.physics.geometry import CORNER_CLEARANCE
 from eitskin.physics.outline import OFF_RIM_MM
 from eitskin.physics.rim_curve import MOST_CORNERS, RimCurve, distance, inside
 from eitskin.physics.skin import Skin
+from eitskin.quantities import listed
 
 SMALL_SHARE = 0.2  # of the largest shape: a mark is smaller
 ROUND_SHARE = 5e-4  # of its radius, which a drawn circle or ellipse may leave
@@ -20,6 +22,7 @@ DENSE_POINTS = 2880  # of a drawn rim, evenly, to compare with
 SMOOTH_POINTS = (90, 180, 360, 720)  # of a smooth rim: the fewest that follow the drawn one
 COARSER = 1.3  # from a tolerance to the next, until few enough corners are left
 SAME_MM = 1e-3  # between places that are one
+TOLD_MM = 0.05  # by which an electrode is put elsewhere, that a sentence says so
 DECIMALS = 4  # of mm, and of degrees
 RIM_NAMED = "one closed path, or several with the rim's id, class or layer 'rim'"
 
@@ -146,7 +149,7 @@ def _outline(loop: Curve, file: str | Path) -> tuple[float | dict, list[str]]:
 def _rim(points: np.ndarray, smooth: bool, loop: Curve, file: str | Path) -> RimCurve:
     """The curve through points (K,). Raises InputError where these are none."""
     try:
-        return RimCurve(tuple(map(tuple, _listed(points))), smooth)
+        return RimCurve(tuple((x, y) for x, y in _listed(points)), smooth)
     except InputError as error:
         actual = error.actual
         if "that meet" in actual:
@@ -247,10 +250,23 @@ def _places(
         first, second = np.unravel_index(spacing.argmin(), spacing.shape)
         actual = f"electrodes {first} and {second} at one place"
         raise InputError(file, marks[second].place, actual, "each at a place of its own")
-    if away.max() < SAME_MM:
-        return places, []
+    sentences = _corner_sentences(phi, rim) if isinstance(rim, RimCurve) else []
     k = int(away.argmax())
-    return places, [
-        f"Electrodes are put on the rim at its nearest place; electrode {k} moves by "
-        f"{away[k]:.3g} mm, the others by less."
+    if away[k] > TOLD_MM:
+        sentences.append(
+            f"Electrodes stand at the nearest place of the rim: electrode {k} moves most, by "
+            f"{away[k]:.3g} mm."
+        )
+    return places, sentences
+
+
+def _corner_sentences(phi: np.ndarray, rim: RimCurve) -> list[str]:
+    """A sentence on electrodes, at angles (n,), that no simulation takes."""
+    offset = phi[:, None] - rim.corner_phi
+    offset = np.abs((offset + np.pi) % (2.0 * np.pi) - np.pi)
+    at_corner = np.flatnonzero((offset < CORNER_CLEARANCE).any(axis=1))
+    if not len(at_corner):
+        return []
+    return [
+        f"At a corner, where no simulation takes them: electrodes {listed(at_corner.tolist())}."
     ]

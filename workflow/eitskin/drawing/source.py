@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from eitskin.data import reading, stated
+from eitskin.drawing import svg
 from eitskin.drawing.rim import skin_block
 from eitskin.errors import InputError
-from eitskin.physics.outline import DISCS, laid_out
+from eitskin.physics.outline import DISCS, laid_out, refuse
 from eitskin.physics.protocol import pattern_step
 from eitskin.physics.skin import Skin
 
@@ -51,10 +52,12 @@ def drawing(
     """The skin of an SVG or DXF drawing; unit_mm and mirrored as of `rim.skin_block`, drive a
     pattern of `protocol`. Raises InputError, which names the file and the shape."""
     if Path(file).suffix.lower() == ".svg":
-        from eitskin.drawing import svg as drawings
+        curves = svg.read(file)
     else:
-        from eitskin.drawing import dxf as drawings
-    block, sentences = skin_block(drawings.read(file), unit_mm, mirrored, file)
+        from eitskin.drawing import dxf  # half a second
+
+        curves = dxf.read(file)
+    block, sentences = skin_block(curves, unit_mm, mirrored, file)
     return _stated(block, drive, sentences, file)
 
 
@@ -86,11 +89,12 @@ def _stated(block: dict, drive: str | None, sentences: list[str], file: str | Pa
 
 
 def _drawable(block: dict, file: str | Path) -> Skin:
-    """The Skin of a block. Raises InputError for one without a radius and an outline."""
+    """The Skin of a block. Raises InputError for one without a radius and an outline, and as
+    `outline.refuse`."""
     skin = Skin.from_metadata(dict.fromkeys(stated.SKIN) | block)
     is_disc = skin.outline is None or str(skin.outline).strip().lower() in DISCS
     if skin.radius_mm is None and is_disc:
-        raise InputError(
-            file, "radius_mm", "nothing", "radius_mm, or outline of a skin that is no disc"
-        )
+        expected = "radius_mm, or outline of a skin that is no disc"
+        raise InputError(file, "radius_mm", "nothing", expected)
+    refuse(skin, file)
     return skin

@@ -21,6 +21,20 @@ UNITS_MM = {
 }
 PIXEL_MM = 25.4 / 96.0  # of CSS
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+LENGTH = re.compile(rf"\s*(?:{NUMBER}\s*(?:px|{'|'.join(UNITS_MM)})?|auto)\s*")
+FORMS = {
+    "d": (re.compile(rf"(?:[MmLlHhVvCcSsQqTtAaZz]|{NUMBER}|[\s,])*"), "the data of a path"),
+    "points": (re.compile(rf"(?:{NUMBER}|[\s,])*"), "pairs of numbers"),
+}
+ATTRIBUTES = {  # numbers of shapes
+    "path": ("d",),
+    "polygon": ("points",),
+    "polyline": ("points",),
+    "rect": ("x", "y", "width", "height", "rx", "ry"),
+    "circle": ("cx", "cy", "r"),
+    "ellipse": ("cx", "cy", "rx", "ry"),
+    "line": ("x1", "y1", "x2", "y2"),
+}
 STRAIGHT = (svgelements.Line, svgelements.Close)
 
 
@@ -42,6 +56,8 @@ def read(path: str | Path) -> Drawing:
         raise InputError(path, place, actual, "XML, as an SVG drawing is") from error
     if root.tag not in (ROOT, "svg"):
         raise InputError(path, "line 1", f"<{root.tag}>", "<svg>")
+    for element in root.iter():
+        _refuse_unreadable(element, path)
     unit_mm = _unit_mm(root)
     for name in ("width", "height", "viewBox", "preserveAspectRatio"):  # what scales the rest
         root.attrib.pop(name, None)
@@ -52,6 +68,17 @@ def read(path: str | Path) -> Drawing:
         expected = "shapes whose numbers can be read"
         raise InputError(path, "shapes", str(error) or type(error).__name__, expected) from error
     return Drawing(tuple(_curves(shapes, frozenset(), [0])), unit_mm)
+
+
+def _refuse_unreadable(element: ElementTree.Element, path: str | Path) -> None:
+    """Raise InputError for a number of a shape that is none, of which a reader would make 0."""
+    tag = str(element.tag).rpartition("}")[2]
+    name = f"{tag} {element.get('id', '')!r}" if element.get("id") else tag
+    for key in ATTRIBUTES.get(tag, ()):
+        value = element.get(key)
+        form, expected = FORMS.get(key, (LENGTH, "a number, in the units of the drawing"))
+        if value is not None and not form.fullmatch(value):
+            raise InputError(path, f"{name}, {key}", repr(value), expected)
 
 
 def _unit_mm(root: ElementTree.Element) -> float | None:
@@ -90,7 +117,9 @@ def _curves(group: svgelements.Group, names: frozenset[str], numbers: list[int])
             name = attributes.get("id")
             tag = attributes.get("tag", "path")
             place = f"{tag} {name!r}" if name else f"shape {numbers[0]}, a {tag}"
-            for subpath in svgelements.Path(element).as_subpaths():
+            path = svgelements.Path(element)
+            path.reify()  # a turned rectangle or ellipse is one only as a path
+            for subpath in path.as_subpaths():
                 pieces = tuple(_pieces(svgelements.Path(subpath)))
                 if pieces:
                     yield Curve(pieces, named, place)
