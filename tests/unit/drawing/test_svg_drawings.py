@@ -95,11 +95,32 @@ def test_a_turned_rectangle_has_its_corners(drawn):
 
 
 def test_bent_sides_and_corners_are_a_polygon_and_a_sentence_says_so(drawn):
-    half = '<path d="M20 10A40 40 0 0 1 20 90Z"/><circle class="electrode" cx="20" cy="50" r="2"/>'
-    seen = drawn(half)
+    bent = '<path d="M20 10A40 40 0 0 1 20 90Z"/>'
+    seen = drawn(bent + '<g id="electrodes"><circle cx="20" cy="50" r="2"/></g>')
     corners = seen.block["outline"]["corners_mm"]
     assert 10 < len(corners) <= 64 and "smooth" not in seen.block["outline"]
     assert any("bent sides and corners" in sentence for sentence in seen.sentences)
+
+
+def test_its_corners_are_off_the_electrodes(drawn):
+    angles = np.radians(np.arange(-75, 76, 15))
+    marks = [
+        f'<circle cx="{20 + 40 * np.cos(a)}" cy="{50 + 40 * np.sin(a)}" r="2"/>' for a in angles
+    ]
+    bent = '<path d="M20 10A40 40 0 0 1 20 90Z"/><g id="electrodes">'
+    seen = drawn(bent + "".join(marks) + "</g>")
+    rest = {"thickness_mm": 2.0, "conductivity_S_per_m": 1.0, "electrode_width_mm": 2.0}
+    rest["contact_impedivity_ohm_m2"] = 1e-3
+    geometry = Geometry.from_skin(
+        Skin.from_metadata(dict.fromkeys(stated.SKIN) | seen.block | rest)
+    )
+    assert len(geometry.electrode_deg) == 11
+    assert not any("At a corner" in sentence for sentence in seen.sentences)
+
+
+def test_an_electrode_at_a_corner_is_said(drawn):
+    seen = drawn(SQUARE + '<g id="electrodes"><circle cx="10" cy="10" r="2"/></g>')
+    assert "At a corner, where no simulation takes them: electrodes 0." in seen.sentences
 
 
 def test_parts_that_meet_are_one_rim(drawn):

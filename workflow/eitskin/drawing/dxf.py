@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from ezdxf import units
+from ezdxf.enums import InsertUnits
 from ezdxf.filemanagement import readfile
 from ezdxf.lldxf.const import DXFError
 
@@ -44,7 +45,7 @@ def read(path: str | Path) -> Drawing:
     if unit == UNITLESS:
         return Drawing(tuple(curves), None)
     try:
-        factor = units.conversion_factor(units.InsertUnits(unit), units.MM)
+        factor = units.conversion_factor(InsertUnits(unit), InsertUnits.Millimeters)
     except ValueError as error:
         raise InputError(path, "$INSUNITS", unit, "1 inch, 4 mm, 5 cm or 6 m") from error
     return Drawing(tuple(curves), factor)

@@ -18,6 +18,9 @@ ROUND_SHARE = 5e-4  # of its radius, which a drawn circle or ellipse may leave
 EVEN_SHARE = 1e-5  # of the extent: corners nearer to a straight side lie on it
 CURVE_SHARE = 2e-4  # of the extent, which a smooth rim may leave the drawn one
 CORNER_DEG = 30.0  # of a turn, above which a bent rim has a corner there
+CLEAR_SIZES = 0.75  # of a drawn electrode's size, within which a bent side gets no corner
+CLEAR_SHARE = 0.01  # of the extent, at least
+CLEAR_SPACING = 0.3  # of the distance to the next electrode, at most
 DENSE_POINTS = 2880  # of a drawn rim, evenly, to compare with
 SMOOTH_POINTS = (90, 180, 360, 720)  # of a smooth rim: the fewest that follow the drawn one
 COARSER = 1.3  # from a tolerance to the next, until few enough corners are left
@@ -51,9 +54,10 @@ def skin_block(
     loop = rim.shifted(-origin)
     if _double_area(loop.points) < 0:
         loop = loop.backwards()
-    outline, words = _outline(loop, file)
+    marks = [mark.shifted(-origin) for mark in marks]
+    outline, words = _outline(loop, marks, file)
     sentences += words
-    places, words = _places([mark.shifted(-origin) for mark in marks], outline, file)
+    places, words = _places(marks, outline, file)
     sentences += words
     if isinstance(outline, float):
         deg = np.round(np.degrees(np.angle(places)) % 360.0, DECIMALS) % 360.0
@@ -61,7 +65,7 @@ def skin_block(
     else:
         block = {"radius_mm": None, "outline": outline, "electrode_deg": None}
         block["electrode_xy_mm"] = _listed(places)
-    x, y = np.round([origin.real, origin.imag], 3) + 0.0
+    x, y = np.round([-origin.real if mirrored else origin.real, origin.imag], 3) + 0.0
     sentences.append(
         f"The origin is the middle of the box around the rim, ({x:g}, {y:g}) mm of the drawing"
         " with y upwards."
@@ -115,9 +119,10 @@ def _described(loop: Curve) -> str:
     return f"{loop.place}, {width:.4g} x {height:.4g} mm"
 
 
-def _outline(loop: Curve, file: str | Path) -> tuple[float | dict, list[str]]:
+def _outline(loop: Curve, marks: list[Curve], file: str | Path) -> tuple[float | dict, list[str]]:
     """A disc's radius in mm or the object of another outline, of a counter-clockwise loop about
-    0, and sentences on what it leaves of the drawn one."""
+    0, and sentences on what it leaves of the drawn one. Corners that stand for a bent side are off
+    the electrodes."""
     points, extent = loop.points, _size(loop)
     half = 0.5 * loop.extent
     dense = _even(points, DENSE_POINTS)
@@ -137,8 +142,9 @@ def _outline(loop: Curve, file: str | Path) -> tuple[float | dict, list[str]]:
             rim = _rim(_even(points, count), True, loop, file)
             if rim.nearest(dense)[1].max() <= CURVE_SHARE * extent:
                 return _object(rim), []
+    candidates = points[:-1][_off_electrodes(points[:-1], marks, extent)]
     tolerance = CURVE_SHARE * extent
-    while len(corners := _without_straight(points[:-1], tolerance)) > MOST_CORNERS:
+    while len(corners := _without_straight(candidates, tolerance)) > MOST_CORNERS:
         tolerance *= COARSER
     rim = _rim(corners, False, loop, file)
     left = float(distance(corners, dense).max())
@@ -189,10 +195,23 @@ def _is_ellipse(dense: np.ndarray, half: np.ndarray) -> bool:
 
 
 def _has_corners(loop: Curve) -> bool:
-    steps = np.diff(loop.points)
-    steps = steps[steps != 0]
-    turns = np.degrees(np.abs(np.angle(np.roll(steps, -1) / steps)))
-    return bool((turns > CORNER_DEG).any())
+    return bool((_turns_deg(loop.points[:-1]) > CORNER_DEG).any())
+
+
+def _turns_deg(points: np.ndarray) -> np.ndarray:
+    """(K,): by how much a closed polygon (K,) turns at each point, either way."""
+    steps = np.roll(points, -1) - points
+    return np.degrees(np.abs(np.angle(steps * np.roll(steps, 1).conj())))
+
+
+def _off_electrodes(points: np.ndarray, marks: list[Curve], extent: float) -> np.ndarray:
+    """(K,): whether points of a rim are corners of it, or off the electrodes that are drawn."""
+    middles = np.array([mark.middle for mark in marks])
+    spacing = np.abs(middles - middles[:, None]) + np.diag(np.full(len(middles), extent))
+    sizes = np.array([max(CLEAR_SIZES * _size(mark), CLEAR_SHARE * extent) for mark in marks])
+    clearance = np.minimum(sizes, CLEAR_SPACING * spacing.min(axis=1))
+    clear = (np.abs(points[:, None] - middles) > clearance).all(axis=1)
+    return clear | (_turns_deg(points) > CORNER_DEG)
 
 
 def _without_straight(corners: np.ndarray, tolerance: float) -> np.ndarray:
