@@ -74,6 +74,13 @@ examples:
   eitskin compare tank.csv tank.csv --part target --out objects
   eitskin compare day.csv day.csv --control-frames 0:99 --later-frames 100:240
 """,
+    "skin": """\
+examples:
+  eitskin skin skin.yaml --drive adjacent --view
+  eitskin skin skin.dxf > skin.yaml
+  eitskin skin outline.svg --unit px:0.2646 --out understood.svg
+  eitskin skin frames.csv --drive adjacent --measure adjacent --skin skin.yaml
+""",
     "train": """\
 examples:
   eitskin train monday
@@ -198,6 +205,16 @@ def _parser() -> argparse.ArgumentParser:
     _add_frames(comparing, "--later-frames", "of LATER, or its part, these alone")
     _add_path(comparing, "--out", "the folder to write, by default comparison-A-vs-B", shtab.DIR)
     _add_anyway_flag(comparing)
+    words = "draw what a drawing, a statement or a recording says of a skin, before any simulation"
+    drawing = command("skin", _skin, words)
+    _add_path(drawing, "file", "a drawing (SVG, DXF), a statement (YAML), or a recording")
+    _add_reading(drawing)
+    words = "of a drawing: what its unit is; mm, cm, in, or px:0.2646 for mm a pixel"
+    drawing.add_argument("--unit", type=_unit_mm, metavar="UNIT", help=words)
+    words = "of a drawing: it shows the side that is not touched"
+    drawing.add_argument("--mirrored", action="store_true", help=words)
+    _add_path(drawing, "--out", "the SVG file to write, by default skin-NAME.svg")
+    drawing.add_argument("--view", action="store_true", help="open it in a browser")
     words = "train an estimator of touches on the corrected simulator of a diagnosis"
     training = command("train", _train, words)
     _add_path(training, "folder", "what eitskin diagnose wrote", shtab.DIR)
@@ -280,6 +297,16 @@ def _stem(file: str, frames: tuple[int, int] | None) -> str:
     """Part of the default name of a folder: the name of a recording or of a stretch of it."""
     name = answers.name(file)
     return name if frames is None else "{}-frames-{}-{}".format(name, *frames)
+
+
+def _unit_mm(text: str) -> float:
+    """How many mm are in a unit: mm, cm, in, or px:NUMBER."""
+    pixel = re.fullmatch(r"px:(\d+\.?\d*|\.\d+)", text)
+    unit_mm = {"mm": 1.0, "cm": 10.0, "in": 25.4}.get(text, float(pixel[1]) if pixel else 0.0)
+    if not unit_mm > 0:
+        expected = "mm, cm, in, or px: and the mm of a pixel, such as px:0.2646"
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected {expected}")
+    return unit_mm
 
 
 def _stretch(text: str) -> tuple[int, int]:
@@ -477,6 +504,66 @@ def _explain(arguments: argparse.Namespace) -> int:
         return 0
     for sentence in sentences:
         _say(sentence)
+    return 0
+
+
+def _skin(arguments: argparse.Namespace) -> int:
+    import yaml
+
+    from eitskin.atomic import atomic_path
+    from eitskin.drawing import picture, source
+
+    file = arguments.file
+    kind = source.kind(file)
+    keys = ("format", "order", "drive", "measure", "array", "frequency")
+    settings = {key: getattr(arguments, key) for key in keys}
+    stated_options = {key for key, value in settings.items() if value is not None}
+    stated_options |= {key for key in ("skin", "unit", "mirrored") if getattr(arguments, key)}
+    allowed = {
+        "drawing": {"drive", "unit", "mirrored"},
+        "statement": {"drive"},
+        "recording": {*keys, "skin"},
+    }
+    for key in sorted(stated_options - allowed[kind]):
+        arguments.usage.error(f"--{key} says nothing of a {kind}")
+    with named(file):
+        if kind == "drawing":
+            drawn = source.drawing(file, arguments.unit, arguments.mirrored, arguments.drive)
+        elif kind == "statement":
+            drawn = source.statement(file, arguments.drive)
+        else:
+            drawn = source.recording(file, arguments.skin, settings)
+        out = Path(arguments.out or f"skin-{answers.name(file)}.svg")
+        if out.resolve() == Path(file).resolve():
+            raise InputError(file, "--out", "the file that is read", "another")
+        title = answers.name(file)
+        svg = picture.picture(drawn.skin, drawn.drives, drawn.n_electrodes, title)
+    with atomic_path(out) as path:
+        path.write_text(svg, encoding="utf-8")
+    if arguments.json:
+        answers.write(
+            {
+                "format": "eit-skin",
+                "version": answers.VERSION,
+                "file": file,
+                "out": str(out),
+                "skin": drawn.block,
+                "drives": drawn.drives.tolist(),
+                "sentences": list(drawn.sentences),
+            }
+        )
+    else:
+        for sentence in (*drawn.sentences, f"Drawn in {out}."):
+            _say(f"# {sentence}")
+        _say(
+            yaml.safe_dump(
+                {"skin": drawn.block}, sort_keys=False, default_flow_style=None, width=98
+            ).rstrip()
+        )
+    if arguments.view:
+        import webbrowser
+
+        webbrowser.open(out.resolve().as_uri())
     return 0
 
 

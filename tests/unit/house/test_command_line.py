@@ -16,7 +16,7 @@ from eitskin.data import recording
 from eitskin.data.check import check
 
 DOCS = Path(__file__).parents[3] / "docs" / "command_line.md"
-ANSWERING = ("check", "import", "diagnose", "compare", "stream")
+ANSWERING = ("check", "import", "diagnose", "compare", "skin", "stream")
 
 
 @pytest.fixture

@@ -22,11 +22,13 @@ KEYS = (*SKIN, *READING)
 
 
 def read(path: str | Path) -> dict:
-    """The statement in a YAML file.
+    """The statement in a YAML file; its keys may stand under `skin:`, as in a configuration.
 
     Raises InputError for another file, an unknown key, and a value that the format refuses.
     """
     statement = yaml_file.read(path)
+    if set(statement) == {"skin"} and isinstance(statement["skin"], dict):
+        statement = statement["skin"]
     refuse(statement, path)
     return statement
 

@@ -1,0 +1,1 @@
+"""Skins out of drawings, and drawings of skins."""
