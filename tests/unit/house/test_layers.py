@@ -16,7 +16,7 @@ FLOORS = (  # from the ground up; what stands on one floor does not know each ot
     {"atomic", "cores", "text_file", "unfolding"},
     {"fingerprint"},
     {"figure_files", "pins", "physics", "provenance"},
-    {"schema", "effects", "why"},
+    {"schema", "effects", "skin_layout", "why"},
     {"yaml_file"},
     {"data"},
     {"simulate"},
