@@ -113,7 +113,8 @@ def _laid_out(
 ) -> tuple[np.ndarray, np.ndarray, pd.DataFrame]:
     """Channels (M, 4), force levels and the grid of places."""
     with np.load(mesh) as laid:
-        return laid["channels"], laid["force_N"], pd.read_csv(touch_grid)
+        lengths = dict.fromkeys(("x_mm", "y_mm", "radius_mm"), float)  # whole numbers as well
+        return laid["channels"], laid["force_N"], pd.read_csv(touch_grid, dtype=lengths)
 
 
 def _write_sessions(
