@@ -211,18 +211,22 @@ def perturbations(file: str | Path) -> list[dict]:
 def with_continuous(config: dict) -> dict[str, dict]:
     """The configurations, and for each a derived set `-continuous` with continuously distributed
     touches: its key `continuous` holds the radius of the places, the forces and, where stated,
-    the `samples`, as `simulate.continuous_samples` takes them. A skin with an outline has none."""
+    the `samples`, as `simulate.continuous_samples` takes them.
+    With an outline, of the places their margin from the rim."""
     grid, forces = config["touch_grid"], config["forces"]
+    region = (
+        {"reach_mm": None, "margin_mm": grid["margin_mm"]}
+        if "outline" in config["skin"]
+        else {"reach_mm": grid["outer"] * config["skin"]["radius_mm"]}
+    )
+    continuous = {
+        **region,
+        "probe_mm": grid["probe_mm"],
+        "forces": {key: forces[key] for key in ("mean_N", "sd_N", "max_N")},
+    }
     sets = {
         name: {**configuration, "continuous": None}
         for name, configuration in config["configurations"].items()
-    }
-    if "outline" in config["skin"]:
-        return sets
-    continuous = {
-        "reach_mm": grid["outer"] * config["skin"]["radius_mm"],
-        "probe_mm": grid["probe_mm"],
-        "forces": {key: forces[key] for key in ("mean_N", "sd_N", "max_N")},
     }
     derived = {}
     for name, configuration in sets.items():
@@ -235,7 +239,7 @@ def with_continuous(config: dict) -> dict[str, dict]:
     return sets | derived
 
 
-def _leave_out_disc(config: dict, files: list[Path], default_source: str) -> None:
+def _leave_out_disc(config: dict, files: Iterable[str | Path], default_source: str) -> None:
     """Leave out what only a disc has, beside an outline and beside a lattice, unless the file that
     states these states that as well."""
 
@@ -298,8 +302,6 @@ def _refuse_unphysical(config: dict) -> None:
         stated_skin = recording.get("skin", {})
         with _at_place(["recordings", name, "skin"], {key: [key] for key in stated_skin}):
             stated.refuse(stated_skin)
-    if "outline" in config["skin"]:
-        _refuse_continuous(config)
     for name, configuration in config["configurations"].items():
         _refuse_few_sessions(config, name, configuration)
     low, high = twin["press"]["target_N"]
@@ -307,16 +309,6 @@ def _refuse_unphysical(config: dict) -> None:
         raise _Refusal(["twin", "press", "target_N"], [low, high], "the smaller force first")
     with _at_place(["forces"], {"forces.levels": ["levels"]}):
         force_levels(config["seed"], **config["forces"])
-
-
-def _refuse_continuous(config: dict) -> None:
-    """Refuse continuous sets of a skin with an outline."""
-    expected = "a split of the touch grid's places: continuous places are drawn over a disc"
-    for name, splits in config["table_1"]["configurations"].items():
-        for k, split in enumerate(splits):
-            if split == "continuous":
-                last = split if isinstance(splits, dict) else k
-                raise _Refusal(["table_1", "configurations", name, last], repr(split), expected)
 
 
 def _refuse_few_sessions(config: dict, name: str, configuration: dict) -> None:

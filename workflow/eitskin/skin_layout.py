@@ -50,14 +50,21 @@ def layout(skin: Skin, n_electrodes: int, radius_mm: float) -> SkinLayout:
     return SkinLayout(circle, radius * outward, outward, 0j, float(radius))
 
 
+def stated_layout(skin: Skin) -> SkinLayout:
+    """The layout of a skin whose size and electrodes are stated. Raises InputError as `layout`."""
+    stated = laid_out(skin)
+    assert stated.radius_mm is not None and stated.electrode_deg is not None
+    return layout(skin, len(stated.electrode_deg), stated.radius_mm)
+
+
 def draw(axes: Axes, skin: Skin) -> SkinLayout:
     """Draw the rim and the electrodes of a skin whose places are all stated, in mm, with equal
     scales and room at which no electrode is cut; its layout. Raises InputError as `layout`."""
-    placed = layout(skin, len(laid_out(skin).electrode_deg or ()), skin.radius_mm or 0.0)
-    if skin.electrode_deg is not None and not isinstance(skin.outline, RimCurve):
-        plotting.disc(axes, placed.half_extent_mm, np.array(skin.electrode_deg))
-    else:
+    placed = stated_layout(skin)
+    if isinstance(skin.outline, RimCurve):
         plotting.outline(axes, placed.rim, placed.electrodes)
+    else:
+        plotting.disc(axes, placed.half_extent_mm, np.array(skin.electrode_deg))
     plotting.leave_room(axes, placed.half_extent_mm, placed.centre)
     return placed
 
@@ -65,7 +72,7 @@ def draw(axes: Axes, skin: Skin) -> SkinLayout:
 def is_beyond(skin: Skin, z: np.ndarray) -> np.ndarray:
     """Whether complex places z, mm, lie off a skin whose size is stated."""
     if isinstance(skin.outline, RimCurve):
-        return skin.outline.beyond(z) > 0.0
+        return ~skin.outline.contains(z)
     radius_mm = laid_out(skin).radius_mm
     assert radius_mm is not None
     return np.abs(z) > radius_mm

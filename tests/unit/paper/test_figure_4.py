@@ -113,3 +113,17 @@ def test_files_are_written_and_the_numbers_beside_them(touches, tmp_path):
     drawn = figure_4.draw(table[:20], table[-20:], SKIN, "mlp").axes
     titles = [axes.get_title() for axes in drawn[:2]]
     assert titles == ["(a) cnn (worst)", "(b) svr (best: mlp)"]
+
+
+def test_errors_are_drawn_within_an_outline():
+    outline = {"corners_mm": [[0, 0], [90, 0], [90, 30], [0, 30]]}
+    stated = SKIN.metadata() | {"radius_mm": None, "electrode_deg": None, "outline": outline}
+    skin = Skin.from_metadata(stated | {"electrode_s": [0.1, 0.3, 0.6, 0.9]})
+    x_mm = np.linspace(10.0, 80.0, 5)
+    columns = {"x_mm": x_mm, "y_mm": 15.0, "force_N": 5.0, "predicted_N": 5.1 + 0.1 * np.arange(5)}
+    table = pd.DataFrame({"model": "mlp", "seed": 1, "place": np.arange(5), **columns})
+    axes = figure_4.draw(table, table, skin).axes[2]
+    (mesh,) = [artist for artist in axes.collections if len(artist.get_array().compressed()) > 1000]
+    drawn = ~np.ma.getmaskarray(mesh.get_array())
+    assert drawn.mean() == pytest.approx(1.0 / 3.0, abs=0.01)
+    assert axes.get_xlim()[0] < 0.0 and axes.get_xlim()[1] > 90.0

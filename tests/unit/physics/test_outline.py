@@ -72,7 +72,9 @@ def test_electrodes_on_the_rim_are_where_their_angles_say_and_others_are_told():
 
 def test_nothing_is_simulated_of_what_is_no_disc():
     square = skin(outline=corners(rectangle(50, 50)))
-    with pytest.raises(InputError, match="found a rectangle of 100 x 100 mm, as a bare list, expected a disc"):
+    with pytest.raises(
+        InputError, match="found a rectangle of 100 x 100 mm, as a bare list, expected a disc"
+    ):
         Geometry.from_skin(square)
     assert Geometry.from_skin(skin()).radius_mm == 80.0
 

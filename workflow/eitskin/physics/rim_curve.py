@@ -20,6 +20,7 @@ CENTRE_LATTICE = 61  # lines each way of the lattice that is searched for a plac
 CROWDING = 4.0  # of the distances exp(-CROWDING (sqrt n - sqrt j)), j = 1 ... n
 SAMPLES_PER_POLE = 3  # of a rim at its corners
 SAMPLES = 2048  # of a smooth rim, evenly along its length
+POINTS_AT_ONCE = 2048  # whose distances from the rim are computed at once
 ROUNDING = 1e-12  # of lengths that are sums and quotients of stated ones
 MITRE_SHARE = 0.08  # of a side, over which a moved rim is drawn along itself towards a corner
 
@@ -188,8 +189,18 @@ class RimCurve:
 
     def within(self, z: np.ndarray, margin_mm: float) -> np.ndarray:
         """Whether complex points z lie within the rim and farther than `margin_mm` from it."""
-        rim = self._dense[0] if self.smooth else self.points
-        return inside(rim, z) & (distance(rim, z) > margin_mm)
+        return self.depth(z) > margin_mm
+
+    def depth(self, z: np.ndarray) -> np.ndarray:
+        """Distance, mm, of complex points z within the rim from it; outside negative."""
+        rim, z = self._dense[0] if self.smooth else self.points, np.asarray(z, complex)
+        blocks = np.array_split(z.ravel(), z.size // POINTS_AT_ONCE + 1)
+        away = np.concatenate([distance(rim, block) for block in blocks]).reshape(z.shape)
+        return np.where(inside(rim, z), away, -away)
+
+    def contains(self, z: np.ndarray) -> np.ndarray:
+        """Whether complex points z lie within the rim."""
+        return inside(self._dense[0] if self.smooth else self.points, z)
 
     def beyond(self, z: np.ndarray) -> np.ndarray:
         """Distance, mm, of complex points z from the skin: 0 within the rim."""

@@ -43,8 +43,8 @@ def touch_grid(skin: Skin, probe_mm: float, **keys: Any) -> pd.DataFrame:
     """The places that are touched: place, x_mm, y_mm, radius_mm (half of `probe_mm`).
 
     keys: of a disc those of `polar_grid`, in units of its radius; of an outline spacing_mm and
-    margin_mm of `RimCurve.lattice_within`. Raises InputError for keys of the other form, for missing
-    ones, and for a lattice without a place or with more than MOST_PLACES.
+    margin_mm of `RimCurve.lattice_within`. Raises InputError for keys of the other form, for
+    missing ones, and for a lattice without a place or with more than MOST_PLACES.
     """
     rim = skin.outline if isinstance(skin.outline, RimCurve) else None
     check_form(keys, rim is not None)
