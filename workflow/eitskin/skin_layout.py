@@ -51,10 +51,11 @@ def layout(skin: Skin, n_electrodes: int, radius_mm: float) -> SkinLayout:
 
 
 def stated_layout(skin: Skin) -> SkinLayout:
-    """The layout of a skin whose size and electrodes are stated. Raises InputError as `layout`."""
+    """The layout of a skin whose size is stated, without electrodes where they are not. Raises
+    InputError as `layout`."""
     stated = laid_out(skin)
-    assert stated.radius_mm is not None and stated.electrode_deg is not None
-    return layout(skin, len(stated.electrode_deg), stated.radius_mm)
+    assert stated.radius_mm is not None
+    return layout(skin, len(stated.electrode_deg or ()), stated.radius_mm)
 
 
 def draw(axes: Axes, skin: Skin) -> SkinLayout:

@@ -111,14 +111,11 @@ def _pixels(skin: Skin, disc: UnitDisc, channels: np.ndarray) -> tuple[np.ndarra
     if not isinstance(skin.outline, RimCurve):
         places = reconstruct.pixels(ACROSS)
         return places, reconstruct.jacobian(channels, disc.electrode_deg, places, ACROSS)
-    extent = skin_layout.stated_layout(skin)
-    places = reconstruct.pixels(ACROSS, np.inf)
-    place_mm = extent.centre + extent.half_extent_mm * places
-    is_on_skin = ~skin_layout.is_beyond(skin, place_mm)
-    image, slope = disc.mapped(place_mm[is_on_skin])
+    extent, place_mm = skin_layout.stated_layout(skin), reconstruct.skin_pixels(skin, ACROSS)
+    image, slope = disc.mapped(place_mm)
     area = (extent.half_extent_mm * slope) ** 2
     on_disc = reconstruct.jacobian(channels, disc.electrode_deg, image, ACROSS)
-    return places[is_on_skin], on_disc * area
+    return extent.scaled(place_mm), on_disc * area
 
 
 def table(press: Press) -> pd.DataFrame:
