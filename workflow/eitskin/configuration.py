@@ -29,9 +29,10 @@ from eitskin.errors import InputError, reported
 from eitskin.learn import models
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.protocol import channel_table, pattern_step
+from eitskin.physics.rim_curve import RimCurve
 from eitskin.physics.skin import Skin, is_number
 from eitskin.schema import Validator, dotted, explained, one_of
-from eitskin.simulate.layout import force_levels
+from eitskin.simulate.layout import LATTICE, POLAR, check_form, force_levels, touch_grid
 from eitskin.simulate.readings import apply_skin, simulate
 from eitskin.simulate.sets import CONTINUOUS, sample_settings, sessions
 
@@ -61,8 +62,9 @@ def validate(
     recordings' paths (`${NAME}`).
 
     files: the YAML files it was read from, later ones overriding earlier ones; default_source: the
-    source of values that none of them contains. A key may stand only once in a mapping. Raises
-    InputError, one line that names the file with the wrong value.
+    source of values that none of them contains. A key may stand only once in a mapping. Where a
+    later file gives a skin an outline, the disc's radius, angles and polar grid of files before it
+    are left out. Raises InputError, one line that names the file with the wrong value.
     """
     files = [Path(file) for file in files]
     for file in files:
@@ -74,6 +76,8 @@ def validate(
         if errors:
             error = min(errors, key=lambda error: _position(config, list(error.absolute_path)))
             raise _Refusal(*explained(error))
+        _leave_out_disc(config, files, default_source)
+        _refuse_other_form(config)
         contradiction = (
             _unknown_name(config) or _missing_recording(config) or _probe_of_no_rig(config)
         )
@@ -207,10 +211,16 @@ def perturbations(file: str | Path) -> list[dict]:
 def with_continuous(config: dict) -> dict[str, dict]:
     """The configurations, and for each a derived set `-continuous` with continuously distributed
     touches: its key `continuous` holds the radius of the places, the forces and, where stated,
-    the `samples`, as `simulate.continuous_samples` takes them."""
+    the `samples`, as `simulate.continuous_samples` takes them.
+    With an outline, of the places their margin from the rim."""
     grid, forces = config["touch_grid"], config["forces"]
+    region = (
+        {"reach_mm": None, "margin_mm": grid["margin_mm"]}
+        if "outline" in config["skin"]
+        else {"reach_mm": grid["outer"] * config["skin"]["radius_mm"]}
+    )
     continuous = {
-        "reach_mm": grid["outer"] * config["skin"]["radius_mm"],
+        **region,
         "probe_mm": grid["probe_mm"],
         "forces": {key: forces[key] for key in ("mean_N", "sd_N", "max_N")},
     }
@@ -229,6 +239,42 @@ def with_continuous(config: dict) -> dict[str, dict]:
     return sets | derived
 
 
+def _leave_out_disc(config: dict, files: Iterable[str | Path], default_source: str) -> None:
+    """Leave out what only a disc has, beside an outline and beside a lattice, unless the file that
+    states these states that as well."""
+
+    def source(*place: str) -> str:
+        return file_of(list(place), config, files, default_source)
+
+    for place in ((), ("twin",)):
+        block = _value_at([*place], config)
+        skin, grid = block["skin"], block["touch_grid"]
+        if "outline" not in skin:
+            continue
+        outline_file = source(*place, "skin", "outline")
+        for key in ("radius_mm", "electrode_deg"):
+            if source(*place, "skin", key) != outline_file:
+                skin[key] = None
+        lattice_files = {source(*place, "touch_grid", key) for key in LATTICE if key in grid}
+        for key in [key for key in POLAR if key in grid]:
+            if lattice_files and source(*place, "touch_grid", key) not in lattice_files:
+                del grid[key]
+
+
+def _refuse_other_form(config: dict) -> None:
+    """Refuse a disc without its radius or angles, and a touch grid of the other form of skin."""
+    for place in ([], ["twin"]):
+        block = _value_at(place, config)
+        skin, has_outline = block["skin"], "outline" in block["skin"]
+        for key in () if has_outline else ("radius_mm", "electrode_deg"):
+            if skin[key] is None:
+                raise _Refusal([*place, "skin", key], "null", "a value, or an outline of the skin")
+        keys = {key for key in block["touch_grid"] if key != "probe_mm"}
+        within = {f"touch_grid.{key}": [key] for key in keys}
+        with _at_place([*place, "touch_grid"], within):
+            check_form(block["touch_grid"], has_outline)
+
+
 def _refuse_unphysical(config: dict) -> None:
     """Refuse skins, protocols, touches, forces and effects that the schema cannot check."""
     twin = config["twin"]
@@ -239,8 +285,11 @@ def _refuse_unphysical(config: dict) -> None:
     for place, block, perturbed in (([], config, sets), (["twin"], twin, {("twin",): twin})):
         skin = _skin(block["skin"], [*place, "skin"])
         channels = _channels(block["protocol"], [*place, "protocol"], len(skin.electrode_deg))
-        grid = block["touch_grid"]
-        if grid["inner"] > grid["outer"]:
+        grid = {"probe_mm": 0.0} | block["touch_grid"]
+        within = {f"touch_grid.{key}": [key] for key in (*POLAR, *LATTICE)}
+        with _at_place([*place, "touch_grid"], within):
+            touch_grid(Skin.from_metadata(block["skin"]), **grid)
+        if "inner" in grid and grid["inner"] > grid["outer"]:
             expected = f"at most outer, {grid['outer']}"
             raise _Refusal([*place, "touch_grid", "inner"], grid["inner"], expected)
         draw_settings = settings if place else sample_settings
@@ -267,7 +316,8 @@ def _refuse_few_sessions(config: dict, name: str, configuration: dict) -> None:
     session_frames, grid = configuration["session_frames"], config["touch_grid"]
     least_samples, samples = 2 * session_frames + 1, configuration.get("continuous_samples")
     expected = "three sessions, to train, validate and test"
-    places, levels = grid["radii"] * grid["angles"], config["forces"]["levels"]
+    places = len(touch_grid(Skin.from_metadata(config["skin"]), **grid))
+    levels = config["forces"]["levels"]
     if samples is not None and samples < least_samples:
         place = ["configurations", name, "continuous_samples"]
         raise _Refusal(place, samples, f"{least_samples} or more: {expected}")
@@ -286,6 +336,7 @@ def _refuse_few_sessions(config: dict, name: str, configuration: dict) -> None:
 
 def _skin(skin: dict, place: list) -> Geometry:
     within = {key: [key] for key in skin} | {f"skin.{key}": [key] for key in skin}
+    within["skin.outline.corners_mm"] = ["outline", "corners_mm"]
     with _at_place(place, within | {"electrodes": ["electrode_width_mm"]}):
         return Geometry.from_skin(Skin.from_metadata(skin))
 
@@ -314,7 +365,9 @@ def _refuse_on_points(effects: list[dict], place: list, skin: dict, channels: np
     electrodes."""
     believed = Skin.from_metadata(skin)
     frames = pd.DataFrame({"touch": [False, True], "force_N": [0.0, 1.0], "time_s": [0.0, 1.0]})
-    frames = frames.assign(x_mm=[np.nan, 0.0], y_mm=[np.nan, 0.0], probe_mm=[np.nan, 8.0])
+    centre = believed.outline.centre if isinstance(believed.outline, RimCurve) else 0j
+    x_mm, y_mm = [np.nan, centre.real], [np.nan, centre.imag]
+    frames = frames.assign(x_mm=x_mm, y_mm=y_mm, probe_mm=[np.nan, 8.0])
     for k, effect in enumerate(effects):
         effect_settings = settings([effect], site_counts(channels), (0, 0))
         geometry = apply_skin(Geometry.from_skin(believed), effect_settings, START)

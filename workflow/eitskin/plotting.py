@@ -122,16 +122,22 @@ def sheet(width_mm: float, height_mm: float) -> Figure:
 def disc(axes: Axes, radius_mm: float, electrode_deg: np.ndarray) -> None:
     """The rim and the electrodes, in mm, equal scales."""
     circle = radius_mm * np.exp(2j * np.pi * np.linspace(0, 1, 181))
-    axes.plot(circle.real, circle.imag, color=RIM, linewidth=0.6)
-    rim = radius_mm * np.exp(1j * np.radians(np.asarray(electrode_deg)))
-    axes.plot(rim.real, rim.imag, "s", color=ELECTRODE, markersize=1.6)
+    outline(axes, circle, radius_mm * np.exp(1j * np.radians(np.asarray(electrode_deg))))
+
+
+def outline(axes: Axes, rim: np.ndarray, electrodes: np.ndarray) -> None:
+    """A closed rim (K,) and electrodes (n,), complex places in mm, equal scales."""
+    axes.plot(rim.real, rim.imag, color=RIM, linewidth=0.6)
+    axes.plot(electrodes.real, electrodes.imag, "s", color=ELECTRODE, markersize=1.6)
     axes.set_aspect("equal")
 
 
-def leave_room(axes: Axes, radius_mm: float) -> None:
-    """Limits around a disc at which no electrode is cut."""
+def leave_room(axes: Axes, radius_mm: float, centre: complex = 0j) -> None:
+    """Limits around a disc, or a square of this half extent about `centre`, at which no electrode
+    is cut."""
     reach = DISC_MARGIN * radius_mm
-    axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
+    x, y = centre.real, centre.imag
+    axes.set(xlim=(x - reach, x + reach), ylim=(y - reach, y + reach))
 
 
 def matrix(channels: np.ndarray, value: np.ndarray) -> np.ndarray:

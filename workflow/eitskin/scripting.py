@@ -23,9 +23,9 @@ from eitskin.diagnose.verdict import words
 from eitskin.diagnose.verdict.record import Record, record
 from eitskin.errors import InputError
 from eitskin.physics import outline
-from eitskin.physics.rim_curve import RimCurve
 from eitskin.physics.skin import Skin
 from eitskin.simulators import Simulator
+from eitskin.skin_layout import stated_layout
 
 ACROSS = 32  # pixels over the skin
 STEP = 1e-3  # relative, of a conductivity; of an effect's parameter, in its typical changes
@@ -123,16 +123,9 @@ class Jacobian:
 
 def pixels(skin: Skin, across: int = ACROSS) -> np.ndarray:
     """(K, 3): x_mm, y_mm, radius_mm of discs as large as the cells of a square grid with `across`
-    cells over the skin, at the centres of those that lie on it; on an outline of as many cells as
-    on a disc of its area."""
-    assert skin.radius_mm is not None
-    if isinstance(skin.outline, RimCurve):
-        count = round(0.25 * np.pi * across**2)
-        centre = skin.outline.lattice(count)
-        radius = float(np.sqrt(skin.outline.area_mm2 / count / np.pi))
-        return np.column_stack([centre.real, centre.imag, np.full(len(centre), radius)])
-    centre = skin.radius_mm * reconstruct.pixels(across)
-    radius = 2.0 * skin.radius_mm / across / np.sqrt(np.pi)
+    cells over the skin, at the centres of those that lie on it."""
+    centre = reconstruct.skin_pixels(skin, across)
+    radius = 2.0 * stated_layout(skin).half_extent_mm / across / np.sqrt(np.pi)
     return np.column_stack([centre.real, centre.imag, np.full(len(centre), radius)])
 
 

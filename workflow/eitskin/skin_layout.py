@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
+from matplotlib.axes import Axes
 
+from eitskin import plotting
 from eitskin.physics.geometry import even_angles
 from eitskin.physics.outline import laid_out
 from eitskin.physics.rim_curve import RimCurve
@@ -46,3 +48,32 @@ def layout(skin: Skin, n_electrodes: int, radius_mm: float) -> SkinLayout:
     circle = radius * np.exp(2j * np.pi * np.arange(RIM_POINTS + 1) / RIM_POINTS)
     outward = np.exp(1j * np.radians(np.asarray(angles, float)))
     return SkinLayout(circle, radius * outward, outward, 0j, float(radius))
+
+
+def stated_layout(skin: Skin) -> SkinLayout:
+    """The layout of a skin whose size is stated, without electrodes where they are not. Raises
+    InputError as `layout`."""
+    stated = laid_out(skin)
+    assert stated.radius_mm is not None
+    return layout(skin, len(stated.electrode_deg or ()), stated.radius_mm)
+
+
+def draw(axes: Axes, skin: Skin) -> SkinLayout:
+    """Draw the rim and the electrodes of a skin whose places are all stated, in mm, with equal
+    scales and room at which no electrode is cut; its layout. Raises InputError as `layout`."""
+    placed = stated_layout(skin)
+    if isinstance(skin.outline, RimCurve):
+        plotting.outline(axes, placed.rim, placed.electrodes)
+    else:
+        plotting.disc(axes, placed.half_extent_mm, np.array(skin.electrode_deg))
+    plotting.leave_room(axes, placed.half_extent_mm, placed.centre)
+    return placed
+
+
+def is_beyond(skin: Skin, z: np.ndarray) -> np.ndarray:
+    """Whether complex places z, mm, lie off a skin whose size is stated."""
+    if isinstance(skin.outline, RimCurve):
+        return ~skin.outline.contains(z)
+    radius_mm = laid_out(skin).radius_mm
+    assert radius_mm is not None
+    return np.abs(z) > radius_mm

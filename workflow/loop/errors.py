@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from eitskin.data import recording
+from eitskin.data import recording, unit_disc
 from eitskin.data.recording import Recording
 from eitskin.estimators.sets import Source, source_set
 from eitskin.learn import train, transfer, transfer_runs
@@ -63,8 +63,7 @@ def errors(
     name = f"{source} {seed}"
     source_split = source_set(source_simulator, recorded, samples, seed, case.prior, name)
     trained = train.train_model(source_split, model, recipe, seed)
-    angles = recorded.skin.electrode_deg
-    electrode_deg = None if angles is None else list(angles)
+    electrode_deg = unit_disc.electrode_deg(recorded.skin)
     labels = [labelled_rows]
     rows = transfer.transferred(trained, source_split, case.target, electrode_deg, labels)
     return rows.assign(seed=seed)

@@ -14,6 +14,7 @@ import pandas as pd
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
 from eitskin.physics.force_history import ForceHistory
+from eitskin.physics.rim_curve import RimCurve
 from eitskin.physics.skin import Skin
 from eitskin.physics.solver import SolvedSkins
 from eitskin.simulate.readings import read, sense, stage_settings
@@ -52,6 +53,9 @@ class World:
     def __init__(self, config: dict, channels: np.ndarray, seed: int):
         self.skin = Skin.from_metadata(config["skin"], "world")
         radius_mm, current_A = self.skin.radius_mm, self.skin.current_A
+        if isinstance(self.skin.outline, RimCurve):
+            expected = "a disc: the emulated rig has no other skin"
+            raise InputError("world", "skin.outline", "an outline", expected)
         if radius_mm is None or current_A is None:
             raise InputError("world", "skin", "no radius or no current", "every key given")
         self.radius_mm, self.current_A = radius_mm, current_A

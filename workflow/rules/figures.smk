@@ -185,7 +185,7 @@ rule figure_4:
     params:
         models=SHOWN_MODELS,
         shown=lookup(dpath="figures/model", within=config),
-        skin={key: config["skin"][key] for key in ("radius_mm", "electrode_deg")},
+        skin=lookup(dpath="skin", within=config),
         code=fingerprint("figure_4"),
     message:
         "Drawing the predicted force of the worst model and of {params.shown}: figure 4"

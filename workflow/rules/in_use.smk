@@ -2,9 +2,12 @@
 from eitskin.data import importers
 from eitskin.effects import catalogue_names, modules
 from eitskin.learn import models
+from eitskin.physics.skin import Skin
+from eitskin.simulate.layout import touch_grid
 
 CATALOGUE = modules(catalogue_names())  # what a diagnosis may name
 IMPORTERS = importers.modules()
+PLACES = len(touch_grid(Skin.from_metadata(config["skin"]), **config["touch_grid"]))
 
 
 def of_configuration(key):
@@ -38,7 +41,6 @@ def code_of_import(wildcards):
 
 def memory_MB(wildcards):
     """What making a set takes: of its samples the states, of the frames a few groups of sessions."""
-    grid = config["touch_grid"]["radii"] * config["touch_grid"]["angles"]
     own = config["configurations"][wildcards.configuration]
-    samples = (own["continuous"] or {}).get("samples", grid * config["forces"]["levels"])
+    samples = (own["continuous"] or {}).get("samples", PLACES * config["forces"]["levels"])
     return 1000 + samples // 5000

@@ -1,9 +1,10 @@
 from eitskin.paper.rows import rows
 
+# The limit's prior of places is a disc: sets on an outline have none.
 CONTINUOUS_SETS = [
     f"{name}-continuous"
     for name, splits in config["table_1"]["configurations"].items()
-    if "continuous" in splits
+    if "continuous" in splits and "outline" not in config["skin"]
 ]
 
 

@@ -8,7 +8,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eitskin.capture import configuration
+from eitskin.capture import configuration, preflight
 from eitskin.capture.press_plan import contacts, plan_sha256
 from eitskin.data import board
 from eitskin.errors import InputError
@@ -200,3 +200,24 @@ def test_a_file_that_holds_no_rig(tmp_path, text):
 def test_a_file_that_is_not_there(tmp_path):
     with pytest.raises(InputError, match="file"):
         configuration.read(tmp_path / "none.yaml")
+
+
+@pytest.mark.parametrize(
+    ("height_mm", "ok", "text"),
+    [
+        (190.0, True, "a probe of 15 mm stays 18.7 mm within the skin's outline"),
+        (150.0, False, "a probe of 15 mm goes 1.3 mm over the skin's outline"),
+    ],
+)
+def test_presses_lie_on_an_outline(height_mm, ok, text):
+    outline = {"shape": "rectangle", "width_mm": 300.0, "height_mm": height_mm}
+    shares = [(k + 0.5) / 16 for k in range(16)]
+    places = {"radius_mm": None, "electrode_deg": None, "outline": outline, "electrode_s": shares}
+    rig = changed_rig("skin", value=RIG["skin"] | places)
+    configuration.check(rig, "rig.yaml")
+    assert preflight.plan(rig) == preflight.Finding("plan", ok, text)
+    rig["skin"]["electrode_s"] = shares[:-1]
+    with pytest.raises(
+        InputError, match=r"rig\.skin\.electrode_s: found 15 electrodes, expected 16"
+    ):
+        configuration.check(rig, "rig.yaml")

@@ -1,3 +1,5 @@
+from dataclasses import fields
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -6,6 +8,7 @@ from hypothesis import strategies as st
 from eitskin.data import alignment, reconstruct
 from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import channel_table
+from eitskin.physics.skin import Skin
 
 ACROSS = 40
 CHANNELS, ANGLES = channel_table(16), even_angles(16)
@@ -92,3 +95,15 @@ def test_the_strength_minimises_what_cross_validation_says():
 def test_more_noise_asks_for_more_strength():
     quiet, loud = (reconstruct.strength(JACOBIAN, touch(0.5, noise)) for noise in (0.001, 0.1))
     assert loud > 3.0 * quiet
+
+
+def test_pixels_lie_on_an_outline():
+    stated = dict.fromkeys(f.name for f in fields(Skin))
+    outline = {"corners_mm": [[0, 0], [80, 0], [80, 40], [0, 40]]}
+    pixels = reconstruct.skin_pixels(
+        Skin.from_metadata({**stated, "outline": outline, "electrode_s": [0.1]}), 8
+    )
+    assert sorted({*pixels.real}) == [5.0 + 10.0 * k for k in range(8)]
+    assert sorted({*pixels.imag}) == [5.0, 15.0, 25.0, 35.0] and len(pixels) == 32
+    disc = reconstruct.skin_pixels(Skin.from_metadata(stated | {"radius_mm": 80.0}), 8)
+    np.testing.assert_array_equal(disc, 80.0 * reconstruct.pixels(8))

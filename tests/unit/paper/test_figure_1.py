@@ -2,8 +2,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from eitskin.data.recording import Recording, frames_table, metadata_of, presses
 from eitskin.errors import InputError
 from eitskin.paper import figure_1
+from eitskin.physics.protocol import channel_table
+from eitskin.physics.skin import Skin
+from eitskin.simulate.readings import simulate
+
+SHARES = ((np.arange(12) + 0.4) / 12).tolist()
 
 
 def test_the_press_shown_is_nearest_to_half_the_radius_and_its_frames_rise(make_recording):
@@ -93,3 +99,36 @@ def test_files_are_the_same_for_the_same_recording(make_recording, tmp_path):
     assert counts["untouched frame"] == 208 and counts["change"] == 208 * 4
     assert counts["noser"] == counts["back-projection"] > 1000 * 4
     assert set(table["unit"]) == {"V", "1"}
+
+
+def test_a_press_on_an_outline_lights_up_at_its_place(tmp_path):
+    recorded = outlined_recording()
+    shown = figure_1.press(recorded, "bench")
+    strongest = np.nanargmax(shown.force_N)
+    place_mm = 60.0 * shown.places  # half of the width, about the middle
+    assert (np.abs(place_mm.real) < 60.0).all() and (np.abs(place_mm.imag) < 35.0).all()
+    for image in (shown.noser, shown.projected):
+        assert abs(place_mm[image[strongest].argmax()] - shown.place) < 8.0
+    files = [tmp_path / f"1.{kind}" for kind in ("svg", "png", "csv")]
+    figure_1.write(recorded, "bench", *files)
+    table = pd.read_csv(files[2])
+    assert table["x_mm"].abs().max() > 50.0 > 35.0 > table["y_mm"].abs().max()
+
+
+def outlined_recording():
+    """Three presses on a rectangle with electrodes that are points."""
+    outline = {"shape": "rectangle", "width_mm": 120.0, "height_mm": 70.0}
+    stated = dict.fromkeys(("radius_mm", "electrode_deg"))
+    stated |= {"thickness_mm": 3.0, "conductivity_S_per_m": 0.5, "electrode_width_mm": 0.0}
+    stated |= {"contact_impedivity_ohm_m2": 0.0, "current_A": 1e-3, "contrast_per_N": 0.2}
+    skin = Skin.from_metadata({**stated, "outline": outline, "electrode_s": SHARES})
+    x_mm = np.repeat([-30.0, 0.0, 30.0], 5)
+    touch = np.tile([False, True, True, True, True], 3)
+    force_N = np.tile([0.0, 1.0, 2.0, 3.0, 4.0], 3)
+    frames = frames_table(0.5 * np.arange(15), touch, x_mm, 12.0, force_N, 10.0)
+    channels = channel_table(12)
+    metadata = metadata_of(channels, skin.metadata(), "simulation", "signed", frame_s=0.1)
+    recorded = Recording(frames, None, None, None, metadata)
+    recorded.voltage = simulate(frames, presses(recorded), skin, channels, [], "train")
+    recorded.voltage += 1e-7 * np.random.default_rng(1).standard_normal(recorded.voltage.shape)
+    return recorded

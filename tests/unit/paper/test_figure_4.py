@@ -7,7 +7,10 @@ from eitskin.errors import InputError
 from eitskin.learn import metrics
 from eitskin.paper import figure_4
 from eitskin.physics.geometry import even_angles
+from eitskin.physics.skin import Skin
 from eitskin.pins import ROOT
+
+SKIN = Skin(80.0, 3.0, 0.5, tuple(even_angles(16)), 0.0, 0.0, 1e-3, 0.9)
 
 
 @pytest.fixture
@@ -76,7 +79,7 @@ def test_no_place_hides_another_and_the_largest_error_is_told():
         "predicted_N": 5.0 + error,
     }
     table = pd.DataFrame({"model": "mlp", "seed": 1, "place": np.arange(len(place_mm)), **columns})
-    axes = figure_4.draw(table, table, 80.0, even_angles(16)).axes
+    axes = figure_4.draw(table, table, SKIN).axes
     (mesh,) = [
         artist for artist in axes[2].collections if len(artist.get_array().compressed()) > 1000
     ]
@@ -98,7 +101,7 @@ def test_files_are_written_and_the_numbers_beside_them(touches, tmp_path):
         models[model] = rows, tmp_path / f"{model}.parquet"
         predictions.to_parquet(models[model][1])
     files = [tmp_path / f"figure.{kind}" for kind in ("svg", "png", "csv")]
-    skin = {"radius_mm": 80.0, "electrode_deg": even_angles(16)}
+    skin = SKIN.metadata()
     choice = figure_4.write(models, touches, skin, *files, model="svr")
     assert (choice.worst, choice.best, choice.shown) == ("cnn", "mlp", "svr")
     table = pd.read_csv(files[2])
@@ -107,6 +110,20 @@ def test_files_are_written_and_the_numbers_beside_them(touches, tmp_path):
         "b, c": ["svr"],
     }
     assert all(file.stat().st_size > 1000 for file in files[:2])
-    drawn = figure_4.draw(table[:20], table[-20:], 80.0, even_angles(16), "mlp").axes
+    drawn = figure_4.draw(table[:20], table[-20:], SKIN, "mlp").axes
     titles = [axes.get_title() for axes in drawn[:2]]
     assert titles == ["(a) cnn (worst)", "(b) svr (best: mlp)"]
+
+
+def test_errors_are_drawn_within_an_outline():
+    outline = {"corners_mm": [[0, 0], [90, 0], [90, 30], [0, 30]]}
+    stated = SKIN.metadata() | {"radius_mm": None, "electrode_deg": None, "outline": outline}
+    skin = Skin.from_metadata(stated | {"electrode_s": [0.1, 0.3, 0.6, 0.9]})
+    x_mm = np.linspace(10.0, 80.0, 5)
+    columns = {"x_mm": x_mm, "y_mm": 15.0, "force_N": 5.0, "predicted_N": 5.1 + 0.1 * np.arange(5)}
+    table = pd.DataFrame({"model": "mlp", "seed": 1, "place": np.arange(5), **columns})
+    axes = figure_4.draw(table, table, skin).axes[2]
+    (mesh,) = [artist for artist in axes.collections if len(artist.get_array().compressed()) > 1000]
+    drawn = ~np.ma.getmaskarray(mesh.get_array())
+    assert drawn.mean() == pytest.approx(1.0 / 3.0, abs=0.01)
+    assert axes.get_xlim()[0] < 0.0 and axes.get_xlim()[1] > 90.0

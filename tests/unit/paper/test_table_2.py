@@ -7,7 +7,9 @@ from eitskin.errors import InputError
 from eitskin.paper import table_2
 from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import channel_table
+from eitskin.physics.skin import Skin
 from eitskin.pins import ROOT
+from eitskin.simulate.readings import simulate
 from eitskin.simulate.untouched_frames import Plan
 
 PAPER = ROOT / "workflow" / "eitskin" / "paper" / "printed_table_2.csv"
@@ -21,6 +23,7 @@ SKIN = {
     "current_A": 0.001,
     "contrast_per_N": 0.9,
 }
+SHARES = ((np.arange(12) + 0.4) / 12).tolist()
 GAIN = {"name": "channel-gain", "parameters": {"gain": {"sd": 0.1}}}
 OFFSET = {"name": "offset", "parameters": {"volt": 0.005}}
 
@@ -30,7 +33,7 @@ def write(tmp_path):
     """A function that writes Table II of recordings, by name, and returns CSV, text, left out."""
     force_N = np.array([2.0, 5.0, 8.0])
 
-    def written(recordings, effects=(GAIN, OFFSET), noise=1e-3, **changed):
+    def written(recordings, effects=(GAIN, OFFSET), noise=1e-3, skin=SKIN, **changed):
         paths = {}
         for name, recorded in recordings.items():
             paths[name] = tmp_path / f"{name}.parquet"
@@ -39,7 +42,7 @@ def write(tmp_path):
         block = {"effects": list(effects), "noise": noise}
         files = tmp_path / "table_2.csv", tmp_path / "table_2.md"
         plan = Plan(size["sessions"], size["frames"], force_N, "train", 1)
-        design = table_2.Design(SKIN, plan, size["permutations"])
+        design = table_2.Design(skin, plan, size["permutations"])
         left_out = table_2.write(paths, {"mine": block}, design, PAPER, *files)
         return pd.read_csv(files[0], keep_default_na=False), files[1].read_text(), left_out
 
@@ -132,6 +135,28 @@ def test_what_cannot_be_compared_is_left_out_loudly(write, make_recording):
     reasons = ("differences", "null", "17 whole ones", "every channel lost")
     for line, reason in zip(left_out, reasons, strict=True):
         assert reason in line and f"**{line}**" in text
+
+
+def test_a_recording_of_an_outline_is_simulated_within_it(write, make_recording):
+    places = {"radius_mm": None, "electrode_deg": None, "electrode_s": SHARES}
+    outlined = (
+        SKIN | places | {"outline": {"shape": "rectangle", "width_mm": 90.0, "height_mm": 50.0}}
+    )
+    skin = Skin.from_metadata(outlined)
+    channels = channel_table(12)
+    frames = recording.frames_table(0.5 * np.arange(30), np.zeros(30, bool))
+    metadata = recording.metadata_of(channels, skin.metadata(), "simulation", "signed", frame_s=0.1)
+    rectangle = recording.Recording(frames, None, None, None, metadata)
+    voltage = simulate(frames, np.full(30, -1), skin, channels, [], "train")
+    scale = 1e-3 * np.median(np.abs(voltage))
+    rectangle.voltage = voltage + scale * np.random.default_rng(1).standard_normal(voltage.shape)
+    for nominal in (SKIN, outlined):
+        table, _, left_out = write({"rectangle": rectangle}, [GAIN], skin=nominal)
+        assert not left_out
+        plain = table[(table["simulation"] == "plain") & (table["measure"] == "ncc")]
+        assert plain["value"].astype(float).iloc[0] > 0.999
+    with pytest.raises(InputError, match=r"skin\.outline: found an outline, expected a disc"):
+        write({"bench": make_recording()}, [GAIN], skin=outlined)
 
 
 def test_nothing_to_compare_is_refused(write, make_recording):

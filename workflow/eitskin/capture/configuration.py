@@ -49,9 +49,11 @@ def check(rig: dict, file: str | Path) -> None:
     skin = believed_skin(rig, file)
     eit_board = board_of(rig, file)
     n = eit_board.n_electrodes
-    if skin.electrode_deg is not None and len(skin.electrode_deg) != n:
-        electrode_count = f"{len(skin.electrode_deg)} electrodes"
-        raise InputError(file, "rig.skin.electrode_deg", electrode_count, f"{n}, as the board has")
+    for key in ("electrode_deg", "electrode_s", "electrode_xy_mm"):
+        electrodes = getattr(skin, key)
+        if electrodes is not None and len(electrodes) != n:
+            electrode_count = f"{len(electrodes)} electrodes"
+            raise InputError(file, f"rig.skin.{key}", electrode_count, f"{n}, as the board has")
     if eit_board.frame_s > eit_board.period_s:
         expected = f"at most period_s, {eit_board.period_s}"
         raise InputError(file, "rig.board.frame_s", eit_board.frame_s, expected)

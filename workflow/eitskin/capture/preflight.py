@@ -16,6 +16,7 @@ from eitskin.capture.press_plan import places
 from eitskin.capture.rtde import RobotState, RtdeError, robot_state
 from eitskin.data.board import Reject
 from eitskin.errors import InputError
+from eitskin.physics.rim_curve import RimCurve
 
 EMULATED = "EMULATED"  # stands in an emulated robot's serial number or PolyScope version
 MAJOR = {"cb3": 3, "e": 5}
@@ -52,8 +53,18 @@ class Finding:
 
 
 def plan(config: dict) -> Finding:
-    """Whether every press lies on the skin, where its radius is known."""
-    probe_mm, radius_mm = max(config["plan"]["probes_mm"]), believed_skin(config).radius_mm
+    """Whether every press lies on the skin, where its radius or its outline is known."""
+    skin, probe_mm = believed_skin(config), max(config["plan"]["probes_mm"])
+    if isinstance(skin.outline, RimCurve):
+        place = places(config["plan"])[["x_mm", "y_mm"]].to_numpy() @ np.array([1.0, 1.0j])
+        clearance_mm = float(skin.outline.depth(place).min()) - 0.5 * probe_mm
+        description = (
+            f"a probe of {probe_mm:g} mm stays {abs(clearance_mm):.1f} mm within the skin's outline"
+            if clearance_mm >= 0.0
+            else f"a probe of {probe_mm:g} mm goes {-clearance_mm:.1f} mm over the skin's outline"
+        )
+        return Finding("plan", clearance_mm >= 0.0, description)
+    radius_mm = skin.radius_mm
     reach_mm = np.hypot(*places(config["plan"])[["x_mm", "y_mm"]].T.to_numpy()).max()
     reach_mm = float(reach_mm) + 0.5 * probe_mm
     description = f"a probe of {probe_mm:g} mm reaches {reach_mm:.1f} mm from the centre"

@@ -6,7 +6,10 @@ The unit disc is the complex plane; conductivities are relative to the untouched
 
 import numpy as np
 
+from eitskin import skin_layout
 from eitskin.data import alignment
+from eitskin.physics.rim_curve import RimCurve
+from eitskin.physics.skin import Skin
 
 STRENGTHS = 10.0 ** np.linspace(-6.0, 4.0, 201)  # of the prior: candidates, 12 % apart
 
@@ -17,6 +20,17 @@ def pixels(across: int, reach: float = 1.0) -> np.ndarray:
     centre = (np.arange(across) + 0.5) * 2.0 / across - 1.0
     grid = (centre[None, :] + 1j * centre[:, None]).ravel()
     return grid[np.abs(grid) < reach]
+
+
+def skin_pixels(skin: Skin, across: int) -> np.ndarray:
+    """(G,) complex, mm: centres, on a skin whose size is stated, of the cells of a square grid with
+    `across` cells over its extent."""
+    if not isinstance(skin.outline, RimCurve):
+        assert skin.radius_mm is not None
+        return skin.radius_mm * pixels(across)
+    extent = skin_layout.stated_layout(skin)
+    centre = extent.centre + extent.half_extent_mm * pixels(across, np.inf)
+    return centre[~skin_layout.is_beyond(skin, centre)]
 
 
 def jacobian(

@@ -77,7 +77,9 @@ class Experiment:
             for k, effect in enumerate(instrument_effects(self.effects).values(), start=1)
             for setting in sample_settings([effect], counts, (seed, session, k))
         ]
-        value_count = sum(np.size(value) for setting in skin for value in setting.values.values())
+        value_count = sum(
+            np.size(value) for setting in skin for value in _of_slopes(setting).values()
+        )
         spreads = np.zeros((value_count, 0)), np.zeros((len(self.channels), 0))
         return SessionModel(self, skin, instrument, *spreads)
 
@@ -92,7 +94,7 @@ class Experiment:
         skin_spread = [
             _spread(effect["parameters"].get(key), np.size(value))
             for effect, setting in zip(skin_configuration, skin, strict=True)
-            for key, value in setting.values.items()
+            for key, value in _of_slopes(setting).items()
         ]
         gain_spread = np.zeros((len(self.channels), 0))
         for effect, setting in zip(instrument_configuration, instrument, strict=True):
@@ -111,6 +113,11 @@ class Experiment:
         }
         counts = site_counts(self.channels)
         return settings([{**effect, "parameters": parameters}], counts, (0,))[0]
+
+
+def _of_slopes(setting: Setting) -> dict:
+    """The values of a skin's effect that SLOPES names: those that may be random."""
+    return {key: v for key, v in setting.values.items() if (setting.effect.name, key) in SLOPES}
 
 
 def _spread(parameter: object, size: int) -> np.ndarray:
@@ -183,8 +190,8 @@ class SessionModel:
         deviations = self.skin_spread @ unknowns
         settings = []
         for setting in self.skin:
-            values = {}
-            for key, value in setting.values.items():
+            values = dict(setting.values)
+            for key, value in _of_slopes(setting).items():
                 deviation, deviations = deviations[: np.size(value)], deviations[np.size(value) :]
                 values[key] = value + deviation.reshape(np.shape(value))
             settings.append(replace(setting, values=values))
@@ -300,7 +307,7 @@ class SessionModel:
             SLOPES[setting.effect.name, key]
             + ("" if setting.sites is None else f"[{setting.sites[k]}]")
             for setting in self.skin
-            for key, value in setting.values.items()
+            for key, value in _of_slopes(setting).items()
             for k in range(np.size(value))
         ]
 

@@ -13,6 +13,7 @@ import pandas as pd
 from scipy.special import ndtri
 
 from eitskin.data.dataset import Dataset
+from eitskin.errors import InputError
 from eitskin.limit.observation import Experiment, Sample, SessionModel
 from eitskin.limit.posterior import distinct_modes, draw, find_mode
 from eitskin.limit.score import ESTIMATES, SEED, TARGETS
@@ -34,7 +35,10 @@ def experiment_of(
     continuous: dict,
 ) -> Experiment:
     """The distribution of a continuous set's samples, from the configuration's blocks; raises
-    InputError for effects without a likelihood."""
+    InputError for effects without a likelihood, and for a skin with an outline."""
+    if continuous["reach_mm"] is None:
+        expected = "a disc: the limit's prior of places is uniform over one"
+        raise InputError("config.yaml", "skin.outline", "an outline", expected)
     return Experiment(
         Skin.from_metadata(skin, "config.yaml"),
         np.array(dataset.metadata["channels"]),

@@ -10,10 +10,13 @@ from matplotlib.collections import QuadMesh
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from eitskin import figure_files, plotting
-from eitskin.data import alignment, baseline, reconstruct
+from eitskin import figure_files, plotting, skin_layout
+from eitskin.data import alignment, baseline, reconstruct, unit_disc
 from eitskin.data.recording import Recording, presses
+from eitskin.data.unit_disc import UnitDisc
 from eitskin.errors import InputError
+from eitskin.physics.rim_curve import RimCurve
+from eitskin.physics.skin import Skin
 from eitskin.plotting import AFTER, CENTRED, CULPRIT, DIVERGING, style
 
 SHOWN = 4  # frames of the press: as many images fit the column
@@ -23,7 +26,8 @@ MILLI = 1e3
 
 @dataclass(frozen=True)
 class Press:
-    """K touched frames of one press, weakest first, and their images on `places` (G,).
+    """K touched frames of one press, weakest first, and their images on `places` (G,), in half
+    extents of the skin about its middle.
 
     untouched (M,), change (K, M) in `unit`; `noser` (K, G) relative rise of the conductivity;
     `projected` (K, G), of the largest; force_N (K,), NaN where unknown; place in mm.
@@ -32,8 +36,7 @@ class Press:
     frame: np.ndarray
     force_N: np.ndarray
     place: complex
-    radius_mm: float
-    electrode_deg: np.ndarray
+    skin: Skin
     unit: str
     untouched: np.ndarray
     change: np.ndarray
@@ -44,17 +47,18 @@ class Press:
 
 
 def press(recording: Recording, name: str) -> Press:
-    """The press that is drawn: the longest of those nearest to half the skin's radius, with SHOWN
-    frames, evenly spaced.
+    """The press that is drawn: the longest of those nearest to half the radius of the unit disc of
+    the skin, with SHOWN frames, evenly spaced.
 
     The strength of the prior is chosen on all its frames. Raises InputError for a recording without
-    absolute readings, angles, radius or touch.
+    absolute readings or touch, and for a skin whose size or electrodes are not stated.
     """
     skin, metadata = recording.skin, recording.metadata
-    for key in ("radius_mm", "electrode_deg"):
+    has_outline = isinstance(skin.outline, RimCurve)
+    for key in () if has_outline else ("radius_mm", "electrode_deg"):
         if getattr(skin, key) is None:
             raise InputError(name, f"skin.{key}", "null", "a value, to draw the skin")
-    assert skin.radius_mm is not None
+    disc = unit_disc.unit_disc(skin)
     if recording.voltage is None or metadata["values"] != "absolute":
         content = "a query" if recording.voltage is None else "differences"
         raise InputError(name, "voltage_V", content, "absolute readings")
@@ -63,13 +67,12 @@ def press(recording: Recording, name: str) -> Press:
     touched = np.flatnonzero((label >= 0) & np.isfinite(position))
     if not len(touched):
         raise InputError(name, "column touch", "no touch at a known place", "at least one")
-    radius_deviation = np.abs(np.abs(position[touched]) / skin.radius_mm - 0.5)
+    radius_deviation = np.abs(np.abs(disc.mapped(position[touched])[0]) - 0.5)
     nearest_frames = touched[radius_deviation <= radius_deviation.min() + 1e-9]
     longest = np.bincount(label[nearest_frames]).argmax()
     rows = nearest_frames[label[nearest_frames] == longest]
 
-    electrode_deg = np.array(skin.electrode_deg)
-    ideal = alignment.homogeneous_readings(recording.channels, electrode_deg)
+    ideal = alignment.homogeneous_readings(recording.channels, disc.electrode_deg)
     untouched_frames = recording.voltage[~recording.frames["touch"].to_numpy(bool)]
     change = baseline.changes(recording, name)[rows]
     measured = (
@@ -81,8 +84,7 @@ def press(recording: Recording, name: str) -> Press:
     untouched = np.nanmean(np.where(measured, untouched_frames, 0.0), axis=0)
     ideal, signed = ideal[measured], (sign * untouched)[measured]
     scale = (ideal @ signed) / (ideal @ ideal)
-    places = reconstruct.pixels(ACROSS)
-    jacobian = reconstruct.jacobian(recording.channels[measured], electrode_deg, places, ACROSS)
+    places, jacobian = _pixels(skin, disc, recording.channels[measured])
     relative = (sign * change)[:, measured] / scale
     strength = reconstruct.strength(jacobian, relative)
     images = relative @ reconstruct.noser(jacobian, strength).T
@@ -92,8 +94,7 @@ def press(recording: Recording, name: str) -> Press:
         frame=recording.frames["frame"].to_numpy()[rows[drawn_frames]],
         force_N=recording.frames["force_N"].to_numpy()[rows[drawn_frames]],
         place=complex(position[rows[0]]),
-        radius_mm=float(skin.radius_mm),
-        electrode_deg=electrode_deg,
+        skin=skin,
         unit=metadata["unit"],
         untouched=np.where(measured, untouched, np.nan),
         change=np.where(measured, change[drawn_frames], np.nan),
@@ -104,10 +105,24 @@ def press(recording: Recording, name: str) -> Press:
     )
 
 
+def _pixels(skin: Skin, disc: UnitDisc, channels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (G,) over the skin, in half extents about its middle, and the change (M, G) of each
+    reading per relative rise of the conductivity in each."""
+    if not isinstance(skin.outline, RimCurve):
+        places = reconstruct.pixels(ACROSS)
+        return places, reconstruct.jacobian(channels, disc.electrode_deg, places, ACROSS)
+    extent, place_mm = skin_layout.stated_layout(skin), reconstruct.skin_pixels(skin, ACROSS)
+    image, slope = disc.mapped(place_mm)
+    area = (extent.half_extent_mm * slope) ** 2
+    on_disc = reconstruct.jacobian(channels, disc.electrode_deg, image, ACROSS)
+    return extent.scaled(place_mm), on_disc * area
+
+
 def table(press: Press) -> pd.DataFrame:
     """The numbers of the figure: panel, frame, force_N, channel or x_mm and y_mm, value, unit."""
     parts = [_channels("untouched frame", -1, 0.0, press.untouched, press.unit)]
-    place_mm = press.radius_mm * press.places
+    extent = skin_layout.stated_layout(press.skin)
+    place_mm = extent.centre + extent.half_extent_mm * press.places
     for k, (frame, force) in enumerate(zip(press.frame, press.force_N, strict=True)):
         parts.append(_channels("change", frame, force, press.change[k], press.unit))
         for panel, image in (("noser", press.noser), ("back-projection", press.projected)):
@@ -150,6 +165,7 @@ def draw(press: Press) -> Figure:
         changes[-1].set_xlabel("channel")
         changes[-1].set_xlim(0, len(channel) - 1)
         upper.align_ylabels()
+        extent = skin_layout.stated_layout(press.skin)
         rows = lower.subplots(2, count, squeeze=False, sharex=True, sharey=True)
         for images, row, name, bar in (
             (press.noser, rows[0], "(c) NOSER", "relative rise"),
@@ -160,7 +176,8 @@ def draw(press: Press) -> Figure:
                 mesh = _draw_image(axes, press, image, limit)
                 if images is press.noser:
                     axes.set_title(label)
-            row[0].text(-1.22 * press.radius_mm, 0.0, name, rotation=90, **CENTRED)
+            left = extent.centre.real - 1.22 * extent.half_extent_mm
+            row[0].text(left, extent.centre.imag, name, rotation=90, **CENTRED)
             legend = lower.colorbar(mesh, ax=list(row), aspect=11, pad=0.02)
             legend.set_label(bar)
             legend.outline.set_linewidth(0.4)
@@ -173,18 +190,18 @@ def _draw_image(axes: Axes, press: Press, image: np.ndarray, limit: float) -> Qu
     column = ((press.places.real + 1.0) / step).astype(int)
     row = ((press.places.imag + 1.0) / step).astype(int)
     grid[row, column] = image
-    edge = press.radius_mm * np.linspace(-1.0, 1.0, ACROSS + 1)
+    extent = skin_layout.stated_layout(press.skin)
+    edge = extent.half_extent_mm * np.linspace(-1.0, 1.0, ACROSS + 1)
     mesh = axes.pcolormesh(
-        edge,
-        edge,
+        extent.centre.real + edge,
+        extent.centre.imag + edge,
         np.ma.masked_invalid(grid),
         cmap=DIVERGING,
         norm=Normalize(-limit, limit),
         rasterized=True,
     )
-    plotting.disc(axes, press.radius_mm, press.electrode_deg)
+    skin_layout.draw(axes, press.skin)
     axes.plot(press.place.real, press.place.imag, "+", color=CULPRIT, markersize=5, mew=0.9)
-    plotting.leave_room(axes, press.radius_mm)
     axes.set_axis_off()
     return mesh
 

@@ -15,11 +15,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from scipy.spatial import cKDTree
 
-from eitskin import figure_files, plotting
+from eitskin import figure_files, plotting, skin_layout
 from eitskin.data import parquet
 from eitskin.data.dataset import Dataset
 from eitskin.errors import InputError
 from eitskin.learn.metrics import METRICS
+from eitskin.physics.skin import Skin
 from eitskin.plotting import BEFORE, SEQUENTIAL, STEPS, log_ticks, style
 from eitskin.quantities import number, power
 
@@ -88,8 +89,7 @@ def by_place(table: pd.DataFrame) -> pd.DataFrame:
 def draw(
     worst: pd.DataFrame,
     shown: pd.DataFrame,
-    radius_mm: float,
-    electrode_deg: np.ndarray,
+    skin: Skin,
     best: str | None = None,
 ) -> Figure:
     """Panels a, b: counts of test samples of the first seed by true and predicted force; c: the
@@ -134,24 +134,24 @@ def draw(
                 axis.set_major_locator(MaxNLocator(5, integer=True))
         axes[0].set_ylabel("predicted force, N")
         log_ticks(_bar(figure, mesh, axes[:2], "test samples").ax.xaxis, 0.8, largest_count, power)
-        _draw_places(figure, axes[2], shown, radius_mm, electrode_deg)
+        _draw_places(figure, axes[2], shown, skin)
     return figure
 
 
-def _draw_places(
-    figure: Figure, axes: Axes, shown: pd.DataFrame, radius_mm: float, electrode_deg: np.ndarray
-) -> None:
+def _draw_places(figure: Figure, axes: Axes, shown: pd.DataFrame, skin: Skin) -> None:
     places = by_place(shown)
     largest = float(places["mae_N"].quantile(SHOWN))
-    plotting.disc(axes, radius_mm, electrode_deg)
+    layout = skin_layout.draw(axes, skin)
     place_mm = places[["x_mm", "y_mm"]].to_numpy()
-    edge = radius_mm * np.linspace(-1.0, 1.0, ACROSS + 1)
-    spot = np.stack(np.meshgrid(0.5 * (edge[1:] + edge[:-1]), 0.5 * (edge[1:] + edge[:-1])), -1)
+    edge = layout.half_extent_mm * np.linspace(-1.0, 1.0, ACROSS + 1)
+    x, y = layout.centre.real + edge, layout.centre.imag + edge
+    spot = np.stack(np.meshgrid(0.5 * (x[1:] + x[:-1]), 0.5 * (y[1:] + y[:-1])), -1)
     pixel_errors = places["mae_N"].to_numpy()[cKDTree(place_mm).query(spot)[1]]
+    is_beyond = skin_layout.is_beyond(skin, spot[..., 0] + 1j * spot[..., 1])
     mesh = axes.pcolormesh(
-        edge,
-        edge,
-        np.ma.masked_where(np.linalg.norm(spot, axis=-1) > radius_mm, pixel_errors),
+        x,
+        y,
+        np.ma.masked_where(is_beyond, pixel_errors),
         norm=Normalize(0.0, largest),
         cmap=matplotlib.colormaps[SEQUENTIAL].resampled(STEPS),
         rasterized=True,
@@ -159,7 +159,6 @@ def _draw_places(
     axes.plot(
         *place_mm.T, ".", color="white", mew=0, markersize=min(2.0, 20 / np.sqrt(len(place_mm)))
     )
-    plotting.leave_room(axes, radius_mm)
     axes.set_title(f"(c) {shown['model'].iloc[0]}, by place")
     axes.set_xlabel("x, mm")
     axes.set_ylabel("y, mm")
@@ -189,8 +188,8 @@ def write(
     model: str = BEST,
 ) -> Choice:
     """Figure 4 of one dataset and split from every model's metrics and file of predictions; skin:
-    `radius_mm` and `electrode_deg`; model: the one to show beside the worst, as of `choose`. The
-    CSV holds the two models' test samples of every seed."""
+    as `Skin.metadata`; model: the one to show beside the worst, as of `choose`. The CSV holds the
+    two models' test samples of every seed."""
     choice = choose({model: metrics for model, (metrics, _) in models.items()}, model)
     worst, shown = (
         joined(parquet.frame(parquet.read(models[name][1])), dataset, name)
@@ -198,6 +197,6 @@ def write(
     )
     table = pd.concat([worst.assign(panel="a"), shown.assign(panel="b, c")], ignore_index=True)
     best = None if choice.best == choice.shown else choice.best
-    figure = draw(worst, shown, skin["radius_mm"], skin["electrode_deg"], best)
+    figure = draw(worst, shown, Skin.from_metadata(skin, "config.yaml"), best)
     figure_files.write(figure, table, vector, image, csv)
     return choice

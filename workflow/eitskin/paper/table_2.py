@@ -18,6 +18,7 @@ from eitskin.data import recording
 from eitskin.data.dataset import LOST_SHARE
 from eitskin.errors import InputError
 from eitskin.paper.similarity import MEASURES, Pool
+from eitskin.physics.rim_curve import RimCurve
 from eitskin.physics.skin import Skin
 from eitskin.quantities import listed
 from eitskin.simulate import untouched_frames
@@ -58,7 +59,8 @@ def untouched_of(source: recording.Recording, name: str) -> UntouchedFrames:
     if source.voltage is None or source.metadata["values"] != "absolute":
         content = "a query" if source.voltage is None else "differences"
         raise InputError(name, "voltage_V", content, "absolute readings")
-    if source.metadata["skin"]["electrode_deg"] is None:
+    has_outline = isinstance(source.skin.outline, RimCurve)
+    if source.metadata["skin"]["electrode_deg"] is None and not has_outline:
         raise InputError(name, "skin.electrode_deg", "null", "angles, to simulate with")
     voltage = source.voltage[~source.frames["touch"].to_numpy(bool)]
     used_channels = np.isnan(voltage).mean(axis=0) <= LOST_SHARE
@@ -134,8 +136,7 @@ def _simulated(
     """Frames (sessions * frames, K) V of each simulation, on the recording's electrodes and in its
     used channels, magnitudes where the recording has them."""
     effects, noise = block["effects"], block["noise"]
-    skin_of_recording = Skin.from_metadata(design.skin, "config.yaml")
-    skin_of_recording = replace(skin_of_recording, electrode_deg=source.skin.electrode_deg)
+    skin_of_recording = _on_electrodes(Skin.from_metadata(design.skin, "config.yaml"), source.skin)
     magnitude = source.metadata["voltage"] == "magnitude"
 
     def simulated(drawn_effects: list[dict], noise: float) -> np.ndarray:
@@ -148,6 +149,24 @@ def _simulated(
     sets |= {label: simulated([item], noise) for label, item in _labels(effects).items()}
     sets[QUIET] = simulated([], 0.0)
     return sets
+
+
+def _on_electrodes(nominal: Skin, recorded: Skin) -> Skin:
+    """The nominal skin with a recording's electrodes, and where it has one with its outline. Raises
+    InputError for an outline beside a recording of a disc."""
+    if isinstance(recorded.outline, RimCurve):
+        return replace(
+            nominal,
+            radius_mm=None,
+            outline=recorded.outline,
+            electrode_deg=None,
+            electrode_s=recorded.electrode_s,
+            electrode_xy_mm=recorded.electrode_xy_mm,
+        )
+    if isinstance(nominal.outline, RimCurve):
+        expected = "a disc, as the recordings that are compared with it"
+        raise InputError("config.yaml", "skin.outline", "an outline", expected)
+    return replace(nominal, electrode_deg=recorded.electrode_deg)
 
 
 def _measured(

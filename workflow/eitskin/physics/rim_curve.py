@@ -20,6 +20,8 @@ CENTRE_LATTICE = 61  # lines each way of the lattice that is searched for a plac
 CROWDING = 4.0  # of the distances exp(-CROWDING (sqrt n - sqrt j)), j = 1 ... n
 SAMPLES_PER_POLE = 3  # of a rim at its corners
 SAMPLES = 2048  # of a smooth rim, evenly along its length
+POINTS_AT_ONCE = 2048  # whose distances from the rim are computed at once
+ROUNDING = 1e-12  # of lengths that are sums and quotients of stated ones
 MITRE_SHARE = 0.08  # of a side, over which a moved rim is drawn along itself towards a corner
 
 
@@ -169,8 +171,36 @@ class RimCurve:
             np.arange(part.min() + 0.5 * step, part.max(), step) for part in (rim.real, rim.imag)
         )
         places = (x + 1j * y[:, None]).ravel()
-        within = inside(rim, places) & (distance(rim, places) > 0.3 * step)
-        return places[within]
+        return places[self.within(places, 0.3 * step)]
+
+    def lattice_within(self, spacing_mm: float, margin_mm: float) -> np.ndarray:
+        """Complex places, mm, `spacing_mm` apart on a square lattice, row by row from below, that
+        lie `margin_mm` or more within the rim; in the middle of the rim's extent in x and y."""
+        rim = self._dense[0] if self.smooth else self.points
+        lines = []
+        for part in (rim.real, rim.imag):
+            room = max(float(np.ptp(part)) - 2.0 * margin_mm, 0.0)
+            count = int(room / spacing_mm * (1.0 + ROUNDING)) + 1
+            middle = 0.5 * (part.min() + part.max())
+            lines.append(middle + spacing_mm * (np.arange(count) - 0.5 * (count - 1)))
+        x, y = lines
+        places = (x + 1j * y[:, None]).ravel()
+        return places[self.within(places, margin_mm - ROUNDING * self.perimeter_mm)]
+
+    def within(self, z: np.ndarray, margin_mm: float) -> np.ndarray:
+        """Whether complex points z lie within the rim and farther than `margin_mm` from it."""
+        return self.depth(z) > margin_mm
+
+    def depth(self, z: np.ndarray) -> np.ndarray:
+        """Distance, mm, of complex points z within the rim from it; outside negative."""
+        rim, z = self._dense[0] if self.smooth else self.points, np.asarray(z, complex)
+        blocks = np.array_split(z.ravel(), z.size // POINTS_AT_ONCE + 1)
+        away = np.concatenate([distance(rim, block) for block in blocks]).reshape(z.shape)
+        return np.where(inside(rim, z), away, -away)
+
+    def contains(self, z: np.ndarray) -> np.ndarray:
+        """Whether complex points z lie within the rim."""
+        return inside(self._dense[0] if self.smooth else self.points, z)
 
     def beyond(self, z: np.ndarray) -> np.ndarray:
         """Distance, mm, of complex points z from the skin: 0 within the rim."""

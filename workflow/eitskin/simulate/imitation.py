@@ -7,6 +7,7 @@ import pandas as pd
 
 from eitskin.data.recording import Recording, frames_table, presses
 from eitskin.errors import InputError
+from eitskin.physics.rim_curve import RimCurve
 from eitskin.simulate import state_priors
 
 IMITATED = "note_imitated"  # column of a recording whose presses are not all to be imitated
@@ -28,7 +29,8 @@ def imitated_presses(
     `session` and `contact`; each session's clock starts at 0.
 
     A press takes its preceding untouched frames, its timing and its probe from a random press of
-    the recording; its place is uniform over the disc of the recording's touches, its largest force
+    the recording; its place is uniform over the disc of the recording's touches, or within an
+    outline as near to its rim as they are, its largest force
     is drawn from the interpolated quantiles of theirs, with the press's other forces in proportion.
     Unknown forces, one for each press, and an unknown probe follow the prior. Frames that are False
     in a column IMITATED are not used. Raises InputError without a touch at a known place.
@@ -56,7 +58,11 @@ def imitated_presses(
             for (start, stop), is_touched in zip(spans, touched_frames, strict=True)
         ]
     )
+    rim = recorded.skin.outline if isinstance(recorded.skin.outline, RimCurve) else None
     reach = float(np.max(np.hypot(*xy[press >= 0].T) + 0.5 * probe[press >= 0]))
+    if rim is not None:
+        touched_place = xy[press >= 0] @ np.array([1.0, 1.0j])
+        clearance_mm = float(np.min(rim.depth(touched_place) - 0.5 * probe[press >= 0]))
     tables = []
     for session in range(sessions):
         clock_s = 0.0
@@ -68,7 +74,11 @@ def imitated_presses(
             else:
                 press_N = np.full(stop - start, state_priors.force_N(normal[2], **prior.forces))
             width = probe[start:stop][is_touched][0]
-            x, y = state_priors.place_mm(normal[None, :2], reach - 0.5 * width)[0]
+            if rim is None:
+                x, y = state_priors.place_mm(normal[None, :2], reach - 0.5 * width)[0]
+            else:
+                margin_mm = max(clearance_mm + 0.5 * width, 0.0)
+                x, y = state_priors.place_within(rng, 1, rim, margin_mm)[0]
             press_frames = frames_table(
                 time[start:stop] - time[start] + clock_s, is_touched, x, y, press_N, width
             )

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -10,9 +11,15 @@ from eitskin.atomic import atomic_path
 from eitskin.errors import InputError
 from eitskin.physics.forward import Forward
 from eitskin.physics.geometry import Geometry
+from eitskin.physics.outline import laid_out
 from eitskin.physics.protocol import channel_table
+from eitskin.physics.rim_curve import RimCurve
 from eitskin.physics.skin import Skin
 from eitskin.simulate.state_priors import force_N
+
+POLAR = ("radii", "angles", "inner", "outer")  # keys of the touch grid of a disc
+LATTICE = ("spacing_mm", "margin_mm")  # of an outline
+MOST_PLACES = 1_000_000
 
 
 def polar_grid(
@@ -30,6 +37,54 @@ def polar_grid(
             "radius_mm": 0.5 * probe_mm,
         }
     )
+
+
+def touch_grid(skin: Skin, probe_mm: float, **keys: Any) -> pd.DataFrame:
+    """The places that are touched: place, x_mm, y_mm, radius_mm (half of `probe_mm`).
+
+    keys: of a disc those of `polar_grid`, in units of its radius; of an outline spacing_mm and
+    margin_mm of `RimCurve.lattice_within`. Raises InputError for keys of the other form, for
+    missing ones, and for a lattice without a place or with more than MOST_PLACES.
+    """
+    rim = skin.outline if isinstance(skin.outline, RimCurve) else None
+    check_form(keys, rim is not None)
+    if rim is None:
+        radius_mm = laid_out(skin).radius_mm
+        assert radius_mm is not None
+        return polar_grid(radius_mm, probe_mm=probe_mm, **keys)
+    spacing_mm, margin_mm = keys["spacing_mm"], keys["margin_mm"]
+    least_mm = float(np.sqrt(rim.area_mm2 / MOST_PLACES))
+    if spacing_mm < least_mm:
+        expected = f"{least_mm:.3g} or more: at most {MOST_PLACES} places on this skin"
+        raise InputError("config", "touch_grid.spacing_mm", spacing_mm, expected)
+    places = rim.lattice_within(spacing_mm, margin_mm)
+    if not len(places):
+        expected = "a margin within which the skin has a place of the lattice"
+        raise InputError("config", "touch_grid.margin_mm", margin_mm, expected)
+    return pd.DataFrame(
+        {
+            "place": np.arange(len(places)),
+            "x_mm": places.real,
+            "y_mm": places.imag,
+            "radius_mm": 0.5 * probe_mm,
+        }
+    )
+
+
+def check_form(keys: dict, has_outline: bool) -> None:
+    """Raise InputError for a polar grid of a skin with an outline, for a lattice of a disc, and for
+    a missing key of its own form."""
+    required, others = (LATTICE, POLAR) if has_outline else (POLAR, LATTICE)
+    expected = (
+        "a lattice, spacing_mm and margin_mm, as the skin has an outline"
+        if has_outline
+        else "a polar grid, radii, angles, inner and outer, as the skin is a disc"
+    )
+    missing = [key for key in required if key not in keys]
+    if missing:
+        raise InputError("config", "touch_grid", f"no {missing[0]}", expected)
+    for key in [key for key in keys if key in others]:
+        raise InputError("config", f"touch_grid.{key}", keys[key], expected)
 
 
 def force_levels(
@@ -79,7 +134,7 @@ def write(mesh: str | Path, places: str | Path, layout: Layout) -> None:
     channels = channel_table(len(geometry.electrode_deg), **layout.protocol)
     forward = Forward(geometry, layout.accuracy)
     forward.voltages(channels)
-    grid = polar_grid(geometry.radius_mm, **layout.touch_grid)
+    grid = touch_grid(believed, **layout.touch_grid)
     levels = force_levels(layout.seed, **layout.forces)
     with atomic_path(places) as temporary:
         grid.to_csv(temporary, index=False, float_format="%.17g")

@@ -17,6 +17,7 @@ from eitskin.data.baseline import untouched_noise
 from eitskin.effects.effect import Frames, Setting
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
+from eitskin.physics.rim_curve import RimCurve
 from eitskin.physics.skin import Skin
 from eitskin.progress import patient
 from eitskin.simulate import stages, state_priors
@@ -50,16 +51,28 @@ def sessions(
 
 
 def continuous_samples(
-    samples: int, session_frames: int, seed: int, reach_mm: float, probe_mm: float, forces: dict
+    samples: int,
+    session_frames: int,
+    seed: int,
+    reach_mm: float | None,
+    probe_mm: float,
+    forces: dict,
+    margin_mm: float = 0.0,
+    rim: RimCurve | None = None,
 ) -> pd.DataFrame:
     """Samples with a random place and force each, `session_frames` a session.
 
-    Places are uniform over the disc of radius `reach_mm`; forces (mean_N, sd_N, max_N) are normal
-    and clipped, not rounded.
+    Places are uniform over the disc of radius `reach_mm`, or over what lies `margin_mm` or more
+    within a rim; forces (mean_N, sd_N, max_N) are normal and clipped, not rounded.
     """
     normal = np.random.default_rng([seed, 3]).standard_normal((samples, 3))
     index = np.arange(samples, dtype=np.int64)
-    xy = state_priors.place_mm(normal[:, :2], reach_mm)
+    if rim is None:
+        assert reach_mm is not None
+        xy = state_priors.place_mm(normal[:, :2], reach_mm)
+    else:
+        places_rng = np.random.default_rng([seed, 6])
+        xy = state_priors.place_within(places_rng, samples, rim, margin_mm)
     return pd.DataFrame(
         {
             "sample": index,
@@ -113,7 +126,8 @@ def _laid_out(
 ) -> tuple[np.ndarray, np.ndarray, pd.DataFrame]:
     """Channels (M, 4), force levels and the grid of places."""
     with np.load(mesh) as laid:
-        return laid["channels"], laid["force_N"], pd.read_csv(touch_grid)
+        lengths = dict.fromkeys(("x_mm", "y_mm", "radius_mm"), float)  # whole numbers as well
+        return laid["channels"], laid["force_N"], pd.read_csv(touch_grid, dtype=lengths)
 
 
 def _write_sessions(
@@ -177,8 +191,9 @@ class SkinStage:
     """What the stage of the skin is simulated from, by the names of the configuration.
 
     effects: those that need a forward solve, drawn anew for each session; session_frames and
-    crossed as for `sessions`; continuous: reach_mm, probe_mm and forces of `continuous_samples`,
-    which replace the grid, and `samples`, by default as many as the grid has.
+    crossed as for `sessions`; continuous: reach_mm (null for an outline, which has margin_mm),
+    probe_mm and forces of `continuous_samples`, which replace the grid, and `samples`, by default
+    as many as the grid has.
     """
 
     seed: int
@@ -198,8 +213,12 @@ def write_skin_stage(
     seed, session_frames = stage.seed, stage.session_frames
     if stage.continuous:
         as_many = {"samples": len(grid) * len(force_N)}
+        outline = Skin.from_metadata(stage.skin, "config.yaml").outline
         table = continuous_samples(
-            **(as_many | stage.continuous), session_frames=session_frames, seed=seed
+            **(as_many | stage.continuous),
+            session_frames=session_frames,
+            seed=seed,
+            rim=outline if isinstance(outline, RimCurve) else None,
         )
     else:
         layout = sessions(len(grid), len(force_N), session_frames, stage.crossed, seed)

@@ -2,10 +2,16 @@
 
 Both are functions of standard normal numbers, smooth except where a force is clipped. The generator
 draws from them and an inference uses them as its prior, including the weight of clipped forces.
+Places within an outline are drawn alone: no inference has them as its prior.
 """
 
 import numpy as np
 
+from eitskin.errors import InputError
+from eitskin.physics.rim_curve import RimCurve
+
+LEAST_SHARE = 1e-3  # of a rim's extent in x and y, in which places can be drawn
+RIM_POINTS = 2048  # at which a rim's extent is measured
 SERIES_SQUARE = 1e-4  # squared length below which a series replaces the closed form
 
 
@@ -39,6 +45,29 @@ def _shrink(square: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
     slope = (0.5 * np.exp(-0.5 * t) + np.expm1(-0.5 * t) / t) / t
     shrink = np.sqrt(ratio)
     return shrink, 0.5 * np.where(is_small, -0.125 + square / 24.0, slope) / shrink
+
+
+def place_within(
+    rng: np.random.Generator, count: int, rim: RimCurve, margin_mm: float
+) -> np.ndarray:
+    """(count, 2) x, y mm: uniform over what lies farther than `margin_mm` within a rim.
+
+    Raises InputError where nothing does, or less than some LEAST_SHARE of the rim's extent.
+    """
+    corner = rim.place(2.0 * np.pi * np.arange(RIM_POINTS) / RIM_POINTS)
+    corner = np.append(corner, rim.points)
+    low = np.array([corner.real.min(), corner.imag.min()])
+    high = np.array([corner.real.max(), corner.imag.max()])
+    places, drawn, accepted = [np.zeros((0, 2))], 0, 0
+    while accepted < count:
+        xy = rng.uniform(low, high, (2 * count + 16, 2))
+        inner = xy[rim.within(xy @ np.array([1.0, 1.0j]), margin_mm)]
+        places.append(inner)
+        drawn, accepted = drawn + len(xy), accepted + len(inner)
+        if accepted < LEAST_SHARE * drawn and drawn > 10.0 / LEAST_SHARE:
+            expected = "a margin within which there is room for touches"
+            raise InputError("skin", "outline", f"no place {margin_mm:g} mm within", expected)
+    return np.concatenate(places)[:count]
 
 
 def force_N(normal: np.ndarray, mean_N: float, sd_N: float, max_N: float) -> np.ndarray:

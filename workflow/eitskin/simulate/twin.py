@@ -16,7 +16,7 @@ from eitskin.effects.settings import settings, site_counts
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
-from eitskin.simulate.layout import polar_grid
+from eitskin.simulate.layout import touch_grid
 from eitskin.simulate.readings import simulate
 
 PAUSE_S = 0.05  # assumed pause of the board between two frames
@@ -113,7 +113,7 @@ def write(path: str | Path, twin: Twin) -> None:
     channels = channel_table(len(geometry.electrode_deg), **twin.protocol)
     plan = PressPlan(**twin.press)
     rng = np.random.default_rng([twin.seed, 3])
-    grid = polar_grid(geometry.radius_mm, probe_mm=0.0, **twin.touch_grid)
+    grid = touch_grid(believed, probe_mm=0.0, **twin.touch_grid)
     frames = presses(grid, plan, rng)
     effect_settings = settings(twin.effects, site_counts(channels), (twin.seed, 0))
     metadata = recording.metadata_of(
