@@ -188,8 +188,9 @@ def effect_jacobian(recorded: Recording, simulator: Simulator) -> dict[str, np.n
     derivatives: dict[str, np.ndarray] = {}
     for index, setting in enumerate(stated_settings):
         for key, parameter in setting.effect.parameters.items():
-            value = setting.values[key]
-            if value is None or parameter.whole:
+            value, neutral = setting.values[key], setting.effect.neutral(key, model.nominal_skin)
+            is_foreign = parameter.neutral is not None and neutral is None  # to a skin of this kind
+            if value is None or parameter.whole or is_foreign:
                 continue
             for position in np.ndindex(np.shape(value)):
                 ends = []

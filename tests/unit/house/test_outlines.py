@@ -15,7 +15,7 @@ from eitskin.physics.geometry import Geometry
 
 RECTANGLE = "outline: [[-60, -40], [60, -40], [60, 40], [-60, 40]]\n"
 FOUND = {
-    RECTANGLE: "outline: found a rectangle of 120 x 80 mm, expected a disc",
+    RECTANGLE: "outline: found a rectangle of 120 x 80 mm, as a bare list, expected a disc",
     "outline: a glove\n": "outline: found a glove, expected a disc",
 }
 WAY_OUT = "`eitskin check` and `eitskin compare CONTROL LATER` work all the same"
@@ -47,7 +47,7 @@ def test_what_simulates_or_goes_before_it_ends_with_one_sentence(
     printed = capsys.readouterr()
     assert printed.out == "" and printed.err.count("\n") == 1
     assert printed.err.startswith(f"{file}: skin.{found}") and WAY_OUT in printed.err
-    assert "domain-shape" in printed.err
+    assert '{"corners_mm": …}' in printed.err
     assert not out.exists()
 
 
