@@ -179,11 +179,3 @@ def test_refuses_what_is_not_on_the_skin():
         skin(polygon(square), [0.1], inner=[InnerElectrode(48.0, 25.0, 4.0, Z)])
     with pytest.raises(ValueError, match="circle 0"):
         skin(polygon(square), [0.1, 0.4]).readings(CHANNELS[:1] % 2, [Touch(60.0, 25.0, 4.0, 1.0)])
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", NAMES)
-def test_own_error(name):
-    case = outline_case(name)
-    untouched, changes = case.skin().numerical_error(CHANNELS, case.touches)
-    assert untouched < 3e-7 and changes.max() < 3e-5
