@@ -10,7 +10,6 @@ disc, and a rational function with poles placed by `poles` for corners and narro
 import copy
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from numpy.polynomial import polynomial
 from scipy.linalg import solve_triangular
 
 from eitskin.physics.arrays import NUMPY, as_in, library
+from eitskin.physics.poles import NO_POLES, Poles
 
 DEGREE = 48  # of the polynomial alone; a rim that is not fitted to 1e-7 is refused
 POLED_DEGREE = 20  # of the polynomial beside poles
@@ -28,17 +28,6 @@ MOST_ORDER = 3  # of a derivative
 # maps.
 BLOCK_POINTS, LEAST_BLOCK_POINTS = 1 << 11, 1 << 5
 ROUNDING = 3e-15  # a smaller coefficient is the rounding of its linear system
-
-
-@dataclass(frozen=True)
-class Poles:
-    """Poles outside a skin (P,) complex, and their distances from its rim (P,)."""
-
-    place: np.ndarray
-    distance: np.ndarray
-
-
-NO_POLES = Poles(np.zeros(0, complex), np.zeros(0))
 
 
 class DiscMap:

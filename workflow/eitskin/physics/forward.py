@@ -21,7 +21,7 @@ from scipy.linalg import block_diag, cho_factor, cho_solve, solve_triangular
 from eitskin import cores
 from eitskin.errors import InputError
 from eitskin.physics.arrays import as_in, library
-from eitskin.physics.conformal import DiscMap, Poles
+from eitskin.physics.conformal import DiscMap
 from eitskin.physics.contact_current import EvenCurrent
 from eitskin.physics.electrodes import ElectrodeMotion, Electrodes
 from eitskin.physics.even_touches import even_touches
@@ -667,7 +667,7 @@ def _map_at(geometry: Geometry, fineness: Fineness) -> DiscMap | ValueError:
         while len(_maps) >= KEPT_MAPS:
             _maps.pop(next(iter(_maps)))
         try:
-            poles = Poles(*placed(sample, fineness))
+            poles = placed(sample, fineness)
             _maps[key] = DiscMap(place, phi, poles, geometry.centre, COARSE_DEFECT)
         except ValueError as error:
             _maps[key] = error

@@ -20,6 +20,17 @@ CLEAR_SHARE = 0.7  # of the way to the rim beyond, that a corner's poles go at m
 
 
 @dataclass(frozen=True)
+class Poles:
+    """Poles outside a skin (P,) complex, and their distances from its rim (P,)."""
+
+    place: np.ndarray
+    distance: np.ndarray
+
+
+NO_POLES = Poles(np.zeros(0, complex), np.zeros(0))
+
+
+@dataclass(frozen=True)
 class RimSample:
     """A rim as points in order, counter-clockwise, complex and in any one unit of length.
 
@@ -46,11 +57,11 @@ class Fineness:
         return round(RE_ENTRANT * self.corner)
 
 
-def placed(sample: RimSample, fineness: Fineness) -> tuple[np.ndarray, np.ndarray]:
-    """(P,) complex, (P,) float: poles outside a rim, and the distances of each from it."""
+def placed(sample: RimSample, fineness: Fineness) -> Poles:
+    """Poles at the corners of a rim and beside it."""
     corner_poles = [_at_corner(sample, k, fineness) for k in range(len(sample.corners))]
     places, distances = zip(*corner_poles, _beside(sample, fineness.spacing), strict=True)
-    return np.concatenate(places), np.concatenate(distances)
+    return Poles(np.concatenate(places), np.concatenate(distances))
 
 
 def _at_corner(sample: RimSample, corner: int, fineness: Fineness) -> tuple[np.ndarray, np.ndarray]:

@@ -165,7 +165,7 @@ class RimCurve:
 
     def lattice(self, count: int) -> np.ndarray:
         """About so many complex places within, mm, on a square lattice that shares out the area."""
-        rim = self._dense[0] if self.smooth else self.points
+        rim = self._dense[0]
         step = float(np.sqrt(self.area_mm2 / count))
         x, y = (
             np.arange(part.min() + 0.5 * step, part.max(), step) for part in (rim.real, rim.imag)
@@ -176,7 +176,7 @@ class RimCurve:
     def lattice_within(self, spacing_mm: float, margin_mm: float) -> np.ndarray:
         """Complex places, mm, `spacing_mm` apart on a square lattice, row by row from below, that
         lie `margin_mm` or more within the rim; in the middle of the rim's extent in x and y."""
-        rim = self._dense[0] if self.smooth else self.points
+        rim = self._dense[0]
         lines = []
         for part in (rim.real, rim.imag):
             room = max(float(np.ptp(part)) - 2.0 * margin_mm, 0.0)
@@ -193,19 +193,18 @@ class RimCurve:
 
     def depth(self, z: np.ndarray) -> np.ndarray:
         """Distance, mm, of complex points z within the rim from it; outside negative."""
-        rim, z = self._dense[0] if self.smooth else self.points, np.asarray(z, complex)
+        rim, z = self._dense[0], np.asarray(z, complex)
         blocks = np.array_split(z.ravel(), z.size // POINTS_AT_ONCE + 1)
         away = np.concatenate([distance(rim, block) for block in blocks]).reshape(z.shape)
         return np.where(inside(rim, z), away, -away)
 
     def contains(self, z: np.ndarray) -> np.ndarray:
         """Whether complex points z lie within the rim."""
-        return inside(self._dense[0] if self.smooth else self.points, z)
+        return inside(self._dense[0], z)
 
     def beyond(self, z: np.ndarray) -> np.ndarray:
         """Distance, mm, of complex points z from the skin: 0 within the rim."""
-        rim = self._dense[0] if self.smooth else self.points
-        return np.where(inside(rim, z), 0.0, distance(rim, z))
+        return np.maximum(-self.depth(z), 0.0)
 
     def nearest(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Of complex points (n,), mm: angles of the nearest points of the rim, and distances."""

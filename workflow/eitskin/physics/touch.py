@@ -353,7 +353,8 @@ class TouchEdge(Circle):
         most = 1 if self.geometry.outline is None else MOST_ARCS
         place = f"({self.touch.x_mm:g}, {self.touch.y_mm:g}) mm"
         if not 1 <= len(leaves) <= most or self.radius > 0.5 * self.geometry.radius_mm:
-            raise InputError("touch", "edge", f"{place} cut by the rim", "cut twice at most")
+            expected = "cut in two points, or at a corner in four"
+            raise InputError("touch", "edge", f"{place} cut by the rim", expected)
         count = len(enters)
         crossings = self._crossings(np.concatenate([enters, leaves]), np.repeat([-1.0, 1.0], count))
         enter, leave = np.sort(crossings[:count]), crossings[count:]
