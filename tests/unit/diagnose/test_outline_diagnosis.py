@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import yaml
 
 from eitskin.data import recording
 from eitskin.data.recording import Recording, frames_table, metadata_of
@@ -69,10 +70,16 @@ def test_a_recording_of_a_rectangle_is_written_and_read(tmp_path):
 @pytest.mark.long
 def test_an_electrode_off_its_place_on_a_rectangle_is_named_in_mm():
     diagnosed = diagnose(recorded(SHIFT_MM, 3, 2))
-    document = record(diagnosed, "rectangle").document
+    answer = record(diagnosed, "rectangle")
+    document = answer.document
     (effect,) = document["effects"]
     assert document["verdict"] == "explained"
     assert effect["name"] == "electrode-position" and effect["electrodes"] == [3]
     shift = effect["parameters"]["shift_mm"]
     assert shift["unit"] == "mm" and shift["low"] < SHIFT_MM < shift["high"]
     assert "along the rim" in " ".join(words.all_sentences(document))
+    assert not {"third-dimension", "conductivity-gradient"} & set(document["unobservable"])
+    corrected = yaml.safe_load(answer.simulator)["skin"]
+    assert corrected["radius_mm"] is None and corrected["electrode_deg"] is None
+    np.testing.assert_allclose(corrected["electrode_s"], STATED["electrode_s"])
+    Geometry.from_skin(Skin.from_metadata(corrected))

@@ -106,12 +106,12 @@ class Recording:
     @property
     def n_electrodes(self) -> int:
         """Number of electrodes: of their places where known, else of those that channels name."""
-        return _stated_count(self.skin) or int(self.channels.max()) + 1
+        return _stated_count(self.metadata["skin"]) or int(self.channels.max()) + 1
 
 
-def _stated_count(skin: Skin) -> int | None:
-    """Number of electrodes whose places are stated; None: none are."""
-    stated = (skin.electrode_deg, skin.electrode_s, skin.electrode_xy_mm)
+def _stated_count(skin: dict) -> int | None:
+    """Number of electrodes whose places a skin's metadata state; None: none are."""
+    stated = (skin.get(key) for key in ("electrode_deg", "electrode_s", "electrode_xy_mm"))
     return next((len(places) for places in stated if places is not None), None)
 
 
@@ -353,7 +353,7 @@ def _check_metadata(file: str | Path, metadata: dict) -> None:
         expected = "where the recording comes from"
         raise InputError(file, "key source", json.dumps(metadata["source"]), expected)
     skin = Skin.from_metadata(metadata["skin"], str(file))
-    _check_channels(file, metadata["channels"], _stated_count(skin))
+    _check_channels(file, metadata["channels"], _stated_count(metadata["skin"]))
     _check_arcs(file, skin)
 
 

@@ -156,6 +156,10 @@ class Effect:
         """`finding`, or what says it better at these values of the parameters."""
         return self.finding
 
+    def mend_at(self, values: dict) -> str:
+        """`mend`, or what says it better at these values of the parameters."""
+        return self.mend
+
 
 @dataclass(frozen=True)
 class Setting:

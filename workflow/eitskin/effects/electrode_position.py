@@ -11,11 +11,6 @@ from eitskin.quantities import number
 
 WAVE = 0.5  # of the variance of electrodes' shifts, that a stretch has at least: most of it
 
-SHIFTED_ALONG = (
-    "{site} {sits|sit} {shift_mm} along the rim from where the drawing has {it|them},"
-    " towards larger shares of its length."
-)
-
 
 def stretched_gel(positions: NamedEffect) -> OtherSide | None:
     """Of electrodes each with its shift, most of it a wave A sin 2(phi - angle): one anisotropy,
@@ -53,7 +48,8 @@ class ElectrodePosition(SkinEffect):
     source = "Touch with Insight, § II-D"
     mend = "measure the angle of electrode {site}"
     finding = (
-        "{site} {sits|sit} {shift_deg} from where the drawing has {it|them}, towards larger angles."
+        "{site} {sits|sit} [{shift_deg}][{shift_mm} along the rim] from where the drawing has"
+        " {it|them}, towards larger angles."
     )
     opposite = ("larger", "smaller")
     shown_by = "a recording with absolute values"
@@ -64,11 +60,10 @@ class ElectrodePosition(SkinEffect):
         """0 of the shift in degrees on a disc, in mm on an outline."""
         return 0.0 if (key == "shift_mm") == (skin.outline is not None) else None
 
-    def finding_at(self, values: dict) -> str:
-        """In degrees, or along the rim of an outline."""
-        if values.get("shift_mm") is None:
-            return self.finding
-        return SHIFTED_ALONG
+    def mend_at(self, values: dict) -> str:
+        """By the angle, or along the rim of an outline."""
+        is_along_rim = values.get("shift_mm") is not None
+        return "measure where electrode {site} sits along the rim" if is_along_rim else self.mend
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry with electrodes shifted."""

@@ -99,6 +99,14 @@ def laid_out(skin: Skin) -> Skin:
     )
 
 
+def as_stated(skin: Skin) -> Skin:
+    """A skin that is `laid_out` as its owner would state it: on an outline by `electrode_s`."""
+    if not isinstance(skin.outline, RimCurve) or skin.electrode_deg is None:
+        return skin
+    share = np.array(skin.electrode_deg) / 360.0 % 1.0
+    return replace(skin, radius_mm=None, electrode_deg=None, electrode_s=tuple(share.tolist()))
+
+
 def rim_angles(electrodes: np.ndarray) -> np.ndarray:
     """(n,) degrees, 0 to 360, at which electrodes at (n, 2) lie about the centre."""
     return np.degrees(np.angle(_complex(np.asarray(electrodes, float)))) % 360.0

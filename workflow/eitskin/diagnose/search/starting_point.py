@@ -153,13 +153,15 @@ def _at_sites(candidate: Candidate, setting: Setting, problem: Problem) -> Candi
 
 def _agrees(placed: Setting, setting: Setting, candidate: Candidate) -> bool:
     """Whether a candidate's setting has the values that are stated; what it leaves to a recording
-    is no value."""
+    is no value, nor is one that does nothing, of a parameter that other skins have."""
     effect, polar = candidate.effect, candidate.effect.polar
     of_recording = effect.recorded_values(0.0)
     for key, value in placed.values.items():
         stated = setting.values[key]
         if value is None or stated is None:
             if value is stated or key in of_recording:
+                continue
+            if value is None and np.all(stated == effect.parameters[key].neutral):
                 continue
             return False
         deviation = np.asarray(value, float) - np.asarray(stated, float)

@@ -169,13 +169,16 @@ def _whitened_by(whitening: Whitening, prediction: HeldOut) -> HeldOut:
 
 def unobservable(diagnosis: Diagnosis) -> list[str]:
     """Names of the catalogue that the recording could not have shown at a typical size; a last
-    resort is none of them, for it is not sought in a recording of the skin that is believed."""
+    resort is none of them, for it is not sought in a recording of the skin that is believed, nor is
+    an effect that is not modelled on its outline."""
+    is_disc = diagnosis.named_fit.problem.model.nominal_skin.outline is None
     named = {c.name for c in diagnosis.explanation.effects}
     return sorted(
         name
         for name in catalogue_names()
         if name not in named
         and not EFFECTS[name].last_resort
+        and (is_disc or EFFECTS[name].on_outlines)
         and diagnosis.strengths.get(name, 0.0) < OBSERVABLE.threshold
     )
 

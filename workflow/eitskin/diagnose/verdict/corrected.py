@@ -11,12 +11,14 @@ from eitskin.data.recording import Recording
 from eitskin.diagnose.fitting.fit import Fit
 from eitskin.effects.settings import site_counts
 from eitskin.errors import InputError, printable
+from eitskin.physics.outline import as_stated
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
 from eitskin.simulate.readings import simulate
 from eitskin.simulate.sets import sample_settings
 
 ONE_AMPERE = 1.0  # so that simulated volts are the ohms that were recorded
+LAID_OUT = ("radius_mm", "electrode_deg")  # null beside an outline
 LAYOUT = {"session_frames": 300, "crossed": False}  # as the configuration `authors`
 
 
@@ -47,7 +49,11 @@ def configuration(fit: Fit, recording: Recording, noise_sd: np.ndarray, name: st
     """
     model = fit.problem.model
     calibration = fit.theta[: len(model.calibrations)]
-    skin = {k: v for k, v in model.skin(calibration).metadata().items() if v is not None}
+    skin = {
+        key: value
+        for key, value in as_stated(model.skin(calibration)).metadata().items()
+        if value is not None or key in LAID_OUT
+    }
     if model.unit == "ohm":
         skin["current_A"] = ONE_AMPERE
     effects = effect_items(fit)

@@ -77,6 +77,8 @@ UNTOLD = {  # parameters, as a reader is told that they cannot be told
     "limit_V": "limit",
     "cubic": "curvature",
     "F_mid_N": "middle force",
+    "shift_deg": "angle",
+    "shift_mm": "place",
 }
 APPROXIMATELY = "about"  # before many values that their intervals cannot distinguish
 BOUNDS = {"low": "least", "high": "largest"}
@@ -279,7 +281,7 @@ def repair_advice(effect: dict, channels: np.ndarray) -> str:
     channels (M, 4): the recording's, to name the electrodes of a gain that is given by channels.
     """
     catalogue_effect = EFFECTS[effect["name"]]
-    text = catalogue_effect.mend
+    text = catalogue_effect.mend_at({k: e["value"] for k, e in effect["parameters"].items()})
     kind = next((kind for kind in NOUNS if effect[kind]), None)
     sites = effect[kind] if kind else []
     of_electrode = "electrode {site}" in text or "electrodes {site}" in text
