@@ -9,8 +9,10 @@ from eitskin.quantities import number
 
 
 def _turned_electrodes(registration: NamedEffect, shifted: bool) -> OtherSide | None:
-    """All electrodes turned the other way, about touches where they are reported, or `shifted`
-    still. Nothing else on the skin may have a direction."""
+    """Of a disc: all electrodes turned the other way, about touches where they are reported, or
+    `shifted` still. Nothing else on the skin may have a direction."""
+    if registration.skin.outline is not None:
+        return None
     turn_deg = float(registration.values["rotation_deg"])
     low, high = registration.interval("rotation_deg")
     if low <= 0.0 <= high:
