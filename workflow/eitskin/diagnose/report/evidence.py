@@ -116,7 +116,8 @@ class Evidence:
     @property
     def has_rig_errors(self) -> bool:
         """Whether errors of the rig are part of the noise."""
-        return bool(self.diagnosis.get("noise", {}).get("components"))
+        components = self.diagnosis.get("noise", {}).get("components", [])
+        return any(component["sd"] > 0.0 for component in components)
 
     @property
     def reading_unit(self) -> str:

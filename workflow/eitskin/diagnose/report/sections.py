@@ -134,7 +134,7 @@ def rig(evidence: Evidence) -> str:
         lines.append("<p>Part of what the simulation leaves out may count as the rig's here.</p>")
     if noise_entry.get("loud_frames") or noise_entry.get("jumps"):
         lines.append("<p class='quiet'>Frames are numbered from 0.</p>")
-    if not noise_entry["components"]:
+    if not evidence.has_rig_errors:
         return "\n".join(lines)
     rows = [
         [
