@@ -29,7 +29,6 @@ from eitskin.errors import InputError, reported
 from eitskin.learn import models
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.protocol import channel_table, pattern_step
-from eitskin.physics.rim_curve import RimCurve
 from eitskin.physics.skin import Skin, is_number
 from eitskin.schema import Validator, dotted, explained, one_of
 from eitskin.simulate.layout import LATTICE, POLAR, check_form, force_levels, touch_grid
@@ -365,7 +364,7 @@ def _refuse_on_points(effects: list[dict], place: list, skin: dict, channels: np
     electrodes."""
     believed = Skin.from_metadata(skin)
     frames = pd.DataFrame({"touch": [False, True], "force_N": [0.0, 1.0], "time_s": [0.0, 1.0]})
-    centre = believed.outline.centre if isinstance(believed.outline, RimCurve) else 0j
+    centre = believed.rim.centre if believed.rim is not None else 0j
     x_mm, y_mm = [np.nan, centre.real], [np.nan, centre.imag]
     frames = frames.assign(x_mm=x_mm, y_mm=y_mm, probe_mm=[np.nan, 8.0])
     for k, effect in enumerate(effects):

@@ -8,7 +8,6 @@ from matplotlib.axes import Axes
 from eitskin import plotting
 from eitskin.physics.geometry import even_angles
 from eitskin.physics.outline import laid_out
-from eitskin.physics.rim_curve import RimCurve
 from eitskin.physics.skin import Skin
 
 RIM_POINTS = 360  # of a drawn curve
@@ -34,8 +33,8 @@ class SkinLayout:
 def layout(skin: Skin, n_electrodes: int, radius_mm: float) -> SkinLayout:
     """The layout of a skin; radius_mm: of a disc whose radius is not stated; electrodes at unknown
     angles are even. Raises InputError for an outline that `outline.refuse` refuses."""
-    if isinstance(skin.outline, RimCurve):
-        stated, rim = laid_out(skin), skin.outline
+    if skin.rim is not None:
+        stated, rim = laid_out(skin), skin.rim
         phi = np.radians(np.array(stated.electrode_deg))
         curve = rim.place(rim.sampled_phi(1)[0]) if rim.smooth else rim.points
         closed = np.append(curve, curve[0])
@@ -62,7 +61,7 @@ def draw(axes: Axes, skin: Skin) -> SkinLayout:
     """Draw the rim and the electrodes of a skin whose places are all stated, in mm, with equal
     scales and room at which no electrode is cut; its layout. Raises InputError as `layout`."""
     placed = stated_layout(skin)
-    if isinstance(skin.outline, RimCurve):
+    if skin.rim is not None:
         plotting.outline(axes, placed.rim, placed.electrodes)
     else:
         plotting.disc(axes, placed.half_extent_mm, np.array(skin.electrode_deg))
@@ -72,8 +71,8 @@ def draw(axes: Axes, skin: Skin) -> SkinLayout:
 
 def is_beyond(skin: Skin, z: np.ndarray) -> np.ndarray:
     """Whether complex places z, mm, lie off a skin whose size is stated."""
-    if isinstance(skin.outline, RimCurve):
-        return ~skin.outline.contains(z)
+    if skin.rim is not None:
+        return ~skin.rim.contains(z)
     radius_mm = laid_out(skin).radius_mm
     assert radius_mm is not None
     return np.abs(z) > radius_mm

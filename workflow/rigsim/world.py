@@ -14,7 +14,6 @@ import pandas as pd
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
 from eitskin.physics.force_history import ForceHistory
-from eitskin.physics.rim_curve import RimCurve
 from eitskin.physics.skin import Skin
 from eitskin.physics.solver import SolvedSkins
 from eitskin.simulate.readings import read, sense, stage_settings
@@ -53,7 +52,7 @@ class World:
     def __init__(self, config: dict, channels: np.ndarray, seed: int):
         self.skin = Skin.from_metadata(config["skin"], "world")
         radius_mm, current_A = self.skin.radius_mm, self.skin.current_A
-        if isinstance(self.skin.outline, RimCurve):
+        if self.skin.rim is not None:
             expected = "a disc: the emulated rig has no other skin"
             raise InputError("world", "skin.outline", "an outline", expected)
         if radius_mm is None or current_A is None:

@@ -16,7 +16,6 @@ from eitskin.capture.press_plan import places
 from eitskin.capture.rtde import RobotState, RtdeError, robot_state
 from eitskin.data.board import Reject
 from eitskin.errors import InputError
-from eitskin.physics.rim_curve import RimCurve
 
 EMULATED = "EMULATED"  # stands in an emulated robot's serial number or PolyScope version
 MAJOR = {"cb3": 3, "e": 5}
@@ -55,9 +54,9 @@ class Finding:
 def plan(config: dict) -> Finding:
     """Whether every press lies on the skin, where its radius or its outline is known."""
     skin, probe_mm = believed_skin(config), max(config["plan"]["probes_mm"])
-    if isinstance(skin.outline, RimCurve):
+    if skin.rim is not None:
         place = places(config["plan"])[["x_mm", "y_mm"]].to_numpy() @ np.array([1.0, 1.0j])
-        clearance_mm = float(skin.outline.depth(place).min()) - 0.5 * probe_mm
+        clearance_mm = float(skin.rim.depth(place).min()) - 0.5 * probe_mm
         description = (
             f"a probe of {probe_mm:g} mm stays {abs(clearance_mm):.1f} mm within the skin's outline"
             if clearance_mm >= 0.0

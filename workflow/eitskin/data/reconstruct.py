@@ -8,7 +8,6 @@ import numpy as np
 
 from eitskin import skin_layout
 from eitskin.data import alignment
-from eitskin.physics.rim_curve import RimCurve
 from eitskin.physics.skin import Skin
 
 STRENGTHS = 10.0 ** np.linspace(-6.0, 4.0, 201)  # of the prior: candidates, 12 % apart
@@ -25,7 +24,7 @@ def pixels(across: int, reach: float = 1.0) -> np.ndarray:
 def skin_pixels(skin: Skin, across: int) -> np.ndarray:
     """(G,) complex, mm: centres, on a skin whose size is stated, of the cells of a square grid with
     `across` cells over its extent."""
-    if not isinstance(skin.outline, RimCurve):
+    if skin.rim is None:
         assert skin.radius_mm is not None
         return skin.radius_mm * pixels(across)
     extent = skin_layout.stated_layout(skin)

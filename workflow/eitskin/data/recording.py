@@ -14,7 +14,6 @@ from eitskin.atomic import atomic_path
 from eitskin.data import parquet
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry
-from eitskin.physics.rim_curve import RimCurve
 from eitskin.physics.skin import LARGEST, MAX_ELECTRODES, Skin, is_number
 from eitskin.yaml_number import hint
 
@@ -565,7 +564,7 @@ def _check_on_skin(file: str | Path, recording: Recording) -> None:
     An unknown probe is assumed to be as large as the skin.
     """
     skin = recording.skin
-    rim = skin.outline if isinstance(skin.outline, RimCurve) else None
+    rim = skin.rim
     if not (rim or skin.radius_mm) or recording.metadata["position_frame"] != "skin":
         return
     if recording.touches is None:

@@ -12,7 +12,6 @@ from eitskin.errors import InputError
 from eitskin.physics.forward import disc_map
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.outline import laid_out
-from eitskin.physics.rim_curve import RimCurve
 from eitskin.physics.skin import Skin
 
 
@@ -36,7 +35,7 @@ class UnitDisc:
 def unit_disc(skin: Skin) -> UnitDisc:
     """The disc of a skin; of a disc without its radius, with places in radii. Raises InputError
     where the electrodes' places are not stated, and for an outline that cannot be mapped."""
-    if not isinstance(skin.outline, RimCurve):
+    if skin.rim is None:
         if skin.electrode_deg is None:
             expected = "the electrodes' angles, to place touches"
             raise InputError("recording", "skin.electrode_deg", "null", expected)
@@ -44,7 +43,7 @@ def unit_disc(skin: Skin) -> UnitDisc:
     rim = laid_out(skin)
     assert rim.electrode_deg is not None and rim.radius_mm is not None
     angle, nothing = np.array(rim.electrode_deg), np.zeros(len(rim.electrode_deg))
-    geometry = Geometry(rim.radius_mm, 1.0, 1.0, angle, nothing, nothing, outline=skin.outline)
+    geometry = Geometry(rim.radius_mm, 1.0, 1.0, angle, nothing, nothing, outline=skin.rim)
     image = disc_map(geometry)(geometry.rim(np.radians(angle)))
     return UnitDisc(np.degrees(np.angle(image)) % 360.0, geometry, rim.radius_mm)
 
@@ -52,6 +51,6 @@ def unit_disc(skin: Skin) -> UnitDisc:
 def electrode_deg(skin: Skin) -> list[float] | None:
     """Angles of a skin's electrodes on the unit disc in degrees; None where their places are not
     stated. Raises InputError for an outline that cannot be mapped."""
-    if isinstance(skin.outline, RimCurve) or skin.electrode_deg is not None:
+    if skin.rim is not None or skin.electrode_deg is not None:
         return unit_disc(skin).electrode_deg.tolist()
     return None

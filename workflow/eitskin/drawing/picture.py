@@ -35,7 +35,7 @@ def picture(skin: Skin, drives: np.ndarray, n_electrodes: int, title: str) -> st
     Raises InputError for an outline that cannot be laid out, and for one that is not stated.
     """
     drawn = layout(skin, n_electrodes, 0.0)
-    rim = skin.outline if isinstance(skin.outline, RimCurve) else None
+    rim = skin.rim
     size = 2.0 * drawn.half_extent_mm
     letter = TEXT_SHARE * size
     electrodes, outward = drawn.electrodes, drawn.outward
@@ -144,10 +144,8 @@ def _electrodes(skin: Skin, n_electrodes: int, middles: np.ndarray, line: float)
     parts = []
     for phi in np.radians(np.asarray(deg)):
         angles = phi + np.linspace(-half, half, STRETCH_POINTS)
-        rim = laid.outline
-        stretch = (
-            rim.place(angles) if isinstance(rim, RimCurve) else laid.radius_mm * np.exp(1j * angles)
-        )
+        rim = laid.rim
+        stretch = rim.place(angles) if rim else laid.radius_mm * np.exp(1j * angles)
         parts.append(f'<path class="electrode" stroke-width="{line:.4g}" d="{_path(stretch)}"/>')
     return parts
 

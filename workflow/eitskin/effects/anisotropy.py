@@ -72,7 +72,7 @@ def axis_text(axis_deg: float) -> str:
 def elliptic_rim(anisotropy: NamedEffect) -> OtherSide | None:
     """Of a disc: gel that conducts alike in all directions, its rim pressed out of round and the
     electrodes with it."""
-    if anisotropy.skin.outline is not None:
+    if anisotropy.skin.rim is not None:
         return None
     geometry, base = anisotropy.geometry, Geometry.from_skin(anisotropy.skin)
     ratio, angle_deg = geometry.anisotropy_ratio, geometry.anisotropy_deg

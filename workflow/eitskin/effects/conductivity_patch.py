@@ -4,7 +4,6 @@ import numpy as np
 
 from eitskin.effects.effect import Combination, Moment, Parameter, Setting, SkinEffect
 from eitskin.physics.geometry import Geometry, Patch
-from eitskin.physics.rim_curve import RimCurve
 from eitskin.physics.skin import Skin
 
 LATTICE_PLACES = 37  # from which fits on an outline start
@@ -56,9 +55,9 @@ class ConductivityPatch(SkinEffect):
         """Places on the skin, in rings a quarter of its radius apart; on an outline, on a lattice
         of as many."""
         assert skin.radius_mm is not None
-        if isinstance(skin.outline, RimCurve):
-            places = skin.outline.lattice(LATTICE_PLACES).tolist()
-            radius_mm = 0.15 * float(np.sqrt(skin.outline.area_mm2 / np.pi))
+        if skin.rim is not None:
+            places = skin.rim.lattice(LATTICE_PLACES).tolist()
+            radius_mm = 0.15 * float(np.sqrt(skin.rim.area_mm2 / np.pi))
             return [{"x_mm": p.real, "y_mm": p.imag, "radius_mm": radius_mm} for p in places]
         rings = [(0.0, 1), (0.25, 6), (0.5, 12), (0.75, 18)]
         places = [

@@ -17,7 +17,7 @@ def scaled_currents(contacts: NamedEffect) -> OtherSide | None:
 
 def scaled_rim(contacts: NamedEffect) -> OtherSide | None:
     """Of contacts all alike: the size of the skin, its electrodes' angles kept."""
-    if contacts.scope != "common" or contacts.skin.outline is not None:
+    if contacts.scope != "common" or contacts.skin.rim is not None:
         return None
     ratio = float(contacts.values["ratio"])
     growth = 1.0 / ratio - 1.0

@@ -24,7 +24,7 @@ def directed_gel(shape: NamedEffect) -> OtherSide | None:
     """Of a rim of harmonic 2, its electrodes' angles kept: a circle of gel that conducts better
     across the rim's long axis, by ln ratio = 2 amplitude, to first order. Conformal maps to the
     circle move the electrodes by amplitude sin(2 phi - phase) in both cases."""
-    if shape.values["harmonic"] != 2 or shape.skin.outline is not None:
+    if shape.values["harmonic"] != 2 or shape.skin.rim is not None:
         return None
     ratio = float(np.exp(2.0 * shape.values["amplitude"]))
     angle_deg = 0.5 * shape.values["phase_deg"] + 90.0
@@ -38,7 +38,7 @@ def directed_gel(shape: NamedEffect) -> OtherSide | None:
 
 def _conductivity_ratio(shape: NamedEffect) -> float | None:
     """Of harmonic 0: the factor of the conductivity that changes readings as the size does."""
-    if shape.values["harmonic"] != 0 or shape.skin.outline is not None:
+    if shape.values["harmonic"] != 0 or shape.skin.rim is not None:
         return None
     phase = float(np.cos(np.radians(shape.values["phase_deg"])))
     return 1.0 / (1.0 + shape.values["amplitude"] * phase)
@@ -96,7 +96,7 @@ class DomainShape(SkinEffect):
     def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:
         """The size and the harmonics that a rim is likely to have, drawn wrongly or pressed."""
         harmonics: list[dict[str, float]] = [{"harmonic": k} for k in range(HARMONICS + 1)]
-        if skin.outline is not None:
+        if skin.rim is not None:
             return harmonics
         return harmonics + [{"harmonic": k, "carried": 1} for k in range(2, HARMONICS + 1)]
 

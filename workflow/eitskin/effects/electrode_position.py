@@ -15,7 +15,7 @@ WAVE = 0.5  # of the variance of electrodes' shifts, that a stretch has at least
 def stretched_gel(positions: NamedEffect) -> OtherSide | None:
     """Of electrodes each with its shift, most of it a wave A sin 2(phi - angle): one anisotropy,
     ln ratio = 2 A to first order, fitted on the full model."""
-    if positions.scope != "dense" or positions.skin.outline is not None:
+    if positions.scope != "dense" or positions.skin.rim is not None:
         return None
     phi = np.radians(np.array(positions.skin.electrode_deg))
     shift = np.radians(positions.values["shift_deg"])
@@ -58,7 +58,7 @@ class ElectrodePosition(SkinEffect):
 
     def neutral(self, key: str, skin: Skin) -> float | None:
         """0 of the shift in degrees on a disc, in mm on an outline."""
-        return 0.0 if (key == "shift_mm") == (skin.outline is not None) else None
+        return 0.0 if (key == "shift_mm") == (skin.rim is not None) else None
 
     def mend_at(self, values: dict) -> str:
         """By the angle, or along the rim of an outline."""

@@ -11,7 +11,7 @@ from eitskin.quantities import number
 def _turned_electrodes(registration: NamedEffect, shifted: bool) -> OtherSide | None:
     """Of a disc: all electrodes turned the other way, about touches where they are reported, or
     `shifted` still. Nothing else on the skin may have a direction."""
-    if registration.skin.outline is not None:
+    if registration.skin.rim is not None:
         return None
     turn_deg = float(registration.values["rotation_deg"])
     low, high = registration.interval("rotation_deg")

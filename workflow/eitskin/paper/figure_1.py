@@ -15,7 +15,6 @@ from eitskin.data import alignment, baseline, reconstruct, unit_disc
 from eitskin.data.recording import Recording, presses
 from eitskin.data.unit_disc import UnitDisc
 from eitskin.errors import InputError
-from eitskin.physics.rim_curve import RimCurve
 from eitskin.physics.skin import Skin
 from eitskin.plotting import AFTER, CENTRED, CULPRIT, DIVERGING, style
 
@@ -54,7 +53,7 @@ def press(recording: Recording, name: str) -> Press:
     absolute readings or touch, and for a skin whose size or electrodes are not stated.
     """
     skin, metadata = recording.skin, recording.metadata
-    has_outline = isinstance(skin.outline, RimCurve)
+    has_outline = skin.rim is not None
     for key in () if has_outline else ("radius_mm", "electrode_deg"):
         if getattr(skin, key) is None:
             raise InputError(name, f"skin.{key}", "null", "a value, to draw the skin")
@@ -108,7 +107,7 @@ def press(recording: Recording, name: str) -> Press:
 def _pixels(skin: Skin, disc: UnitDisc, channels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pixels (G,) over the skin, in half extents about its middle, and the change (M, G) of each
     reading per relative rise of the conductivity in each."""
-    if not isinstance(skin.outline, RimCurve):
+    if skin.rim is None:
         places = reconstruct.pixels(ACROSS)
         return places, reconstruct.jacobian(channels, disc.electrode_deg, places, ACROSS)
     extent, place_mm = skin_layout.stated_layout(skin), reconstruct.skin_pixels(skin, ACROSS)

@@ -18,7 +18,6 @@ from eitskin.data import recording
 from eitskin.data.dataset import LOST_SHARE
 from eitskin.errors import InputError
 from eitskin.paper.similarity import MEASURES, Pool
-from eitskin.physics.rim_curve import RimCurve
 from eitskin.physics.skin import Skin
 from eitskin.quantities import listed
 from eitskin.simulate import untouched_frames
@@ -59,7 +58,7 @@ def untouched_of(source: recording.Recording, name: str) -> UntouchedFrames:
     if source.voltage is None or source.metadata["values"] != "absolute":
         content = "a query" if source.voltage is None else "differences"
         raise InputError(name, "voltage_V", content, "absolute readings")
-    has_outline = isinstance(source.skin.outline, RimCurve)
+    has_outline = source.skin.rim is not None
     if source.metadata["skin"]["electrode_deg"] is None and not has_outline:
         raise InputError(name, "skin.electrode_deg", "null", "angles, to simulate with")
     voltage = source.voltage[~source.frames["touch"].to_numpy(bool)]
@@ -154,7 +153,7 @@ def _simulated(
 def _on_electrodes(nominal: Skin, recorded: Skin) -> Skin:
     """The nominal skin with a recording's electrodes, and where it has one with its outline. Raises
     InputError for an outline beside a recording of a disc."""
-    if isinstance(recorded.outline, RimCurve):
+    if recorded.rim is not None:
         return replace(
             nominal,
             radius_mm=None,
@@ -163,7 +162,7 @@ def _on_electrodes(nominal: Skin, recorded: Skin) -> Skin:
             electrode_s=recorded.electrode_s,
             electrode_xy_mm=recorded.electrode_xy_mm,
         )
-    if isinstance(nominal.outline, RimCurve):
+    if nominal.rim is not None:
         expected = "a disc, as the recordings that are compared with it"
         raise InputError("config.yaml", "skin.outline", "an outline", expected)
     return replace(nominal, electrode_deg=recorded.electrode_deg)

@@ -145,7 +145,7 @@ class Geometry:
             np.array(skin.contact_impedivity_ohm_m2 or 0.0),
             electrode_height_mm=skin.electrode_height_mm,
             electrode_z_mm=skin.electrode_z_mm,
-            outline=skin.outline if isinstance(skin.outline, RimCurve) else None,
+            outline=skin.rim,
         )
 
     def with_values(self, **values: Any) -> "Geometry":

@@ -81,8 +81,8 @@ def laid_out(skin: Skin) -> Skin:
     Raises InputError as `refuse`.
     """
     refuse(skin)
-    rim = skin.outline
-    if not isinstance(rim, RimCurve):
+    rim = skin.rim
+    if rim is None:
         return replace(skin, outline=None, electrode_xy_mm=None, electrode_s=None)
     if _is_laid_out(skin, rim):
         return skin
@@ -101,7 +101,7 @@ def laid_out(skin: Skin) -> Skin:
 
 def as_stated(skin: Skin) -> Skin:
     """A skin that is `laid_out` as its owner would state it: on an outline by `electrode_s`."""
-    if not isinstance(skin.outline, RimCurve) or skin.electrode_deg is None:
+    if skin.rim is None or skin.electrode_deg is None:
         return skin
     share = np.array(skin.electrode_deg) / 360.0 % 1.0
     return replace(skin, radius_mm=None, electrode_deg=None, electrode_s=tuple(share.tolist()))

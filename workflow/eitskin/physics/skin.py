@@ -50,6 +50,11 @@ class Skin:
     electrode_xy_mm: tuple[tuple[float, float], ...] | None = None
     electrode_s: tuple[float, ...] | None = None
 
+    @property
+    def rim(self) -> RimCurve | None:
+        """The rim of a skin that is stated to be no disc; None for any other."""
+        return self.outline if isinstance(self.outline, RimCurve) else None
+
     @classmethod
     def from_metadata(cls, metadata: dict, file: str = "skin") -> "Skin":
         """Read the `skin` object; raises InputError naming the key."""

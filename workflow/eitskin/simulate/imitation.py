@@ -7,7 +7,6 @@ import pandas as pd
 
 from eitskin.data.recording import Recording, frames_table, presses
 from eitskin.errors import InputError
-from eitskin.physics.rim_curve import RimCurve
 from eitskin.simulate import state_priors
 
 IMITATED = "note_imitated"  # column of a recording whose presses are not all to be imitated
@@ -58,7 +57,7 @@ def imitated_presses(
             for (start, stop), is_touched in zip(spans, touched_frames, strict=True)
         ]
     )
-    rim = recorded.skin.outline if isinstance(recorded.skin.outline, RimCurve) else None
+    rim = recorded.skin.rim
     reach = float(np.max(np.hypot(*xy[press >= 0].T) + 0.5 * probe[press >= 0]))
     if rim is not None:
         touched_place = xy[press >= 0] @ np.array([1.0, 1.0j])

@@ -13,7 +13,6 @@ from eitskin.physics.forward import Forward
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.outline import laid_out
 from eitskin.physics.protocol import channel_table
-from eitskin.physics.rim_curve import RimCurve
 from eitskin.physics.skin import Skin
 from eitskin.simulate.state_priors import force_N
 
@@ -46,7 +45,7 @@ def touch_grid(skin: Skin, probe_mm: float, **keys: Any) -> pd.DataFrame:
     margin_mm of `RimCurve.lattice_within`. Raises InputError for keys of the other form, for
     missing ones, and for a lattice without a place or with more than MOST_PLACES.
     """
-    rim = skin.outline if isinstance(skin.outline, RimCurve) else None
+    rim = skin.rim
     check_form(keys, rim is not None)
     if rim is None:
         radius_mm = laid_out(skin).radius_mm

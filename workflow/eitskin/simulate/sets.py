@@ -213,12 +213,11 @@ def write_skin_stage(
     seed, session_frames = stage.seed, stage.session_frames
     if stage.continuous:
         as_many = {"samples": len(grid) * len(force_N)}
-        outline = Skin.from_metadata(stage.skin, "config.yaml").outline
         table = continuous_samples(
             **(as_many | stage.continuous),
             session_frames=session_frames,
             seed=seed,
-            rim=outline if isinstance(outline, RimCurve) else None,
+            rim=Skin.from_metadata(stage.skin, "config.yaml").rim,
         )
     else:
         layout = sessions(len(grid), len(force_N), session_frames, stage.crossed, seed)

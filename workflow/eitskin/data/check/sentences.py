@@ -8,7 +8,6 @@ from eitskin.data.check.finding import ERROR, FACT, UNOBSERVABLE, WARNING, Findi
 from eitskin.data.check.missing import HOLD_S, missing_information
 from eitskin.data.recording import Recording
 from eitskin.physics.outline import EXPECTED, not_simulated
-from eitskin.physics.rim_curve import RimCurve
 from eitskin.physics.skin import OPTIONAL
 from eitskin.quantities import counted, decimal, listed, percent, quantity
 
@@ -156,7 +155,7 @@ def _phase_text(recording: Recording) -> str:
 def skin(recording: Recording) -> list[Finding]:
     """The stated and the unknown properties of the skin and its wiring."""
     stated_skin = recording.skin
-    rim = stated_skin.outline if isinstance(stated_skin.outline, RimCurve) else None
+    rim = stated_skin.rim
     stated_parts, unknown_parts = [], []
     for key, (name, unit) in SKIN.items():
         value = getattr(stated_skin, key)

@@ -19,7 +19,6 @@ from eitskin.data.check.measures import channel_noise
 from eitskin.data.check.second_touches import second_touches
 from eitskin.data.recording import Recording
 from eitskin.physics.outline import not_simulated
-from eitskin.physics.rim_curve import RimCurve
 
 FEWEST_FRAMES = 5  # untouched: before a stretch, in it and after it
 MOST_LOST = 0.5  # of a channel's untouched frames, else it is left out
@@ -61,7 +60,7 @@ def unlabelled_touches(recording: Recording) -> list[tuple[int, int]]:
     if recording.voltage is None or recording.metadata["values"] == "difference":
         return []
     stated = recording.skin
-    if isinstance(stated.outline, RimCurve) or not_simulated(stated) is not None:
+    if stated.rim is not None or not_simulated(stated) is not None:
         return []
     return [
         (first + start, last + start)

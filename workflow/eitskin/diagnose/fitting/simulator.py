@@ -421,7 +421,7 @@ def beliefs(recording: Recording) -> tuple[Skin, list[Calibration]]:
     if metadata["unit"] == "arbitrary":
         calibrations.append(Calibration("factor", "1", 1.0, FACTOR_SD))
     if metadata["position_frame"] == "robot" and recording.frames.touch.any():
-        if skin.outline is not None:
+        if skin.rim is not None:
             actual = "robot, on a skin that is no disc"
             raise InputError("recording", "position_frame", actual, "places in the skin's frame")
         similarity = alignment.fit(recording)

@@ -19,7 +19,6 @@ from eitskin.diagnose.report.evidence import Evidence
 from eitskin.diagnose.search.gates import DISTINCT, NOTHING_UNNAMED
 from eitskin.diagnose.verdict.words import is_certain, last_scores, place_text, sites_text
 from eitskin.effects import EFFECTS
-from eitskin.physics.rim_curve import RimCurve
 from eitskin.plotting import (
     AFTER,
     BEFORE,
@@ -126,7 +125,7 @@ def electrode_ring(evidence: Evidence) -> Figure:
     _draw_pairs(axes, effects, chord_ends, evidence.channels)
     notes = ["seen from the touched side", "dots: touches" if len(places) else "no touches"]
     stated = evidence.recording.skin
-    if stated.electrode_deg is None and not isinstance(stated.outline, RimCurve):
+    if stated.electrode_deg is None and stated.rim is None:
         notes.append("angles unknown, drawn evenly")
     line_height = LINE_MM / height_mm
     note_y = line_height * (len(lines) + 0.5)

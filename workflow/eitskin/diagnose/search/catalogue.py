@@ -61,7 +61,7 @@ def _is_sought(effect: Effect, conditions: Conditions, journal: Journal) -> bool
     for gate, holds in (
         (COMPOSED, not effect.composite),
         (CONTACTS, has_contacts),
-        (MODELLED, effect.on_outlines or skin.outline is None),
+        (MODELLED, effect.on_outlines or skin.rim is None),
         (STATED, effect.is_stated(skin, conditions.touched)),
         (TIMED, conditions.timed or effect.driver != "time"),
         (FLOATING, conditions.floating or not effect.last_resort),

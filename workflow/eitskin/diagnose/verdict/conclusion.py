@@ -171,7 +171,7 @@ def unobservable(diagnosis: Diagnosis) -> list[str]:
     """Names of the catalogue that the recording could not have shown at a typical size; a last
     resort is none of them, for it is not sought in a recording of the skin that is believed, nor is
     an effect that is not modelled on its outline."""
-    is_disc = diagnosis.named_fit.problem.model.nominal_skin.outline is None
+    is_disc = diagnosis.named_fit.problem.model.nominal_skin.rim is None
     named = {c.name for c in diagnosis.explanation.effects}
     return sorted(
         name
