@@ -125,10 +125,13 @@ def disc(axes: Axes, radius_mm: float, electrode_deg: np.ndarray) -> None:
     outline(axes, circle, radius_mm * np.exp(1j * np.radians(np.asarray(electrode_deg))))
 
 
-def outline(axes: Axes, rim: np.ndarray, electrodes: np.ndarray) -> None:
-    """A closed rim (K,) and electrodes (n,), complex places in mm, equal scales."""
+def outline(
+    axes: Axes, rim: np.ndarray, electrodes: np.ndarray, marker_points: float = 1.6
+) -> None:
+    """A closed rim (K,) and electrodes (n,), complex places in mm, equal scales; marker_points: of
+    an electrode's square, in points."""
     axes.plot(rim.real, rim.imag, color=RIM, linewidth=0.6)
-    axes.plot(electrodes.real, electrodes.imag, "s", color=ELECTRODE, markersize=1.6)
+    axes.plot(electrodes.real, electrodes.imag, "s", color=ELECTRODE, markersize=marker_points)
     axes.set_aspect("equal")
 
 

@@ -14,7 +14,6 @@ from eitskin.data import parquet
 from eitskin.diagnose.report import evidence
 from eitskin.diagnose.report.evidence import Evidence
 from eitskin.diagnose.report.figures import (
-    draw_outline,
     draw_residual_matrices,
     draw_residual_scale,
     skin_layout_of,
@@ -93,8 +92,7 @@ def picture(shown: Evidence, frames: pd.DataFrame, truth: dict) -> Figure:
 
 def _skin(axes: Axes, shown: Evidence) -> None:
     skin = skin_layout_of(shown)
-    draw_outline(axes, skin)
-    axes.set_aspect("equal")
+    plotting.outline(axes, skin.rim, skin.electrodes)
     touched = shown.frames[shown.frames["touch"]][["x_mm", "y_mm"]].drop_duplicates()
     axes.plot(touched["x_mm"], touched["y_mm"], ".", color=QUIET, markersize=3)
     named = {site for effect in shown.diagnosis["effects"] for site in effect["electrodes"]}

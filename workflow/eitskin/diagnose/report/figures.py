@@ -37,6 +37,7 @@ from eitskin.plotting import (
     log_limits,
     log_ticks,
     matrix,
+    outline,
     sheet,
     style,
 )
@@ -52,6 +53,7 @@ LINE_CHARACTERS = 54  # that fit in a line under the ring, at 7 points
 NUMBER_GAP = 0.13  # of an electrode's number from the rim, in half extents of the skin
 TAG_STEP = 0.19  # between numbered discs at one electrode, in half extents: they do not touch
 MOST_TAGS = 3  # at one electrode or pair, for there is no room for more; the last counts the rest
+ELECTRODE_POINTS = 2.0  # of an electrode's square in a map of the skin
 CHORD_GAP = 0.07  # of a pair's ends from the rim, in half extents: clear of the electrodes
 MOST_CHORDS = 8  # drives or measuring pairs of one effect: with more, chords hide one another
 MOST_RIVALS = 5  # of one effect: the figure stays within half a page of paper
@@ -441,7 +443,7 @@ def misfit_place(evidence: Evidence) -> Figure | str:
         "rasterized": len(places) > MOST_VECTOR_DOTS,
     }
     for axes, (title, colour) in zip(row, TITLES, strict=True):
-        draw_outline(axes, skin)
+        outline(axes, skin.rim, skin.electrodes, ELECTRODE_POINTS)
         image = axes.scatter(places["x_mm"], places["y_mm"], c=places[title], norm=norm, **dots)
         axes.set_aspect("equal")
         axes.set_title(title, color=colour)
@@ -473,12 +475,6 @@ def _is_mapped(evidence: Evidence) -> np.ndarray:
     has_place = evidence.frames[["x_mm", "y_mm"]].notna().all(axis=1)
     chi2 = np.array(_chi2_per_reading(evidence))
     return (evidence.frames["touch"] & has_place).to_numpy() & np.isfinite(chi2).all(axis=0)
-
-
-def draw_outline(axes: Axes, skin: SkinLayout) -> None:
-    """The skin's rim and its electrodes, mm."""
-    axes.plot(skin.rim.real, skin.rim.imag, color=RIM, linewidth=0.6)
-    axes.plot(skin.electrodes.real, skin.electrodes.imag, "s", color=ELECTRODE, markersize=2)
 
 
 def _chi2_per_reading(evidence: Evidence) -> list[np.ndarray]:
