@@ -14,7 +14,7 @@ from eitskin.capture.robot import STOP_S
 from eitskin.data import board
 from eitskin.data.board import Board
 from eitskin.errors import InputError
-from eitskin.physics.skin import Skin
+from eitskin.physics.skin import ELECTRODE_PLACES, Skin
 from eitskin.schema import Validator, dotted, explained
 
 SCHEMA = Path(__file__).parent / "rig.schema.yaml"
@@ -49,7 +49,7 @@ def check(rig: dict, file: str | Path) -> None:
     skin = believed_skin(rig, file)
     eit_board = board_of(rig, file)
     n = eit_board.n_electrodes
-    for key in ("electrode_deg", "electrode_s", "electrode_xy_mm"):
+    for key in ELECTRODE_PLACES:
         electrodes = getattr(skin, key)
         if electrodes is not None and len(electrodes) != n:
             electrode_count = f"{len(electrodes)} electrodes"

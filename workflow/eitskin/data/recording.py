@@ -14,7 +14,7 @@ from eitskin.atomic import atomic_path
 from eitskin.data import parquet
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry
-from eitskin.physics.skin import LARGEST, MAX_ELECTRODES, Skin, is_number
+from eitskin.physics.skin import ELECTRODE_PLACES, LARGEST, MAX_ELECTRODES, Skin, is_number
 from eitskin.yaml_number import hint
 
 SCHEMA_KEY = b"eit"
@@ -110,7 +110,7 @@ class Recording:
 
 def _stated_count(skin: dict) -> int | None:
     """Number of electrodes whose places a skin's metadata state; None: none are."""
-    stated = (skin.get(key) for key in ("electrode_deg", "electrode_s", "electrode_xy_mm"))
+    stated = (skin.get(key) for key in ELECTRODE_PLACES)
     return next((len(places) for places in stated if places is not None), None)
 
 

@@ -54,11 +54,11 @@ class Geometry:
     The rim is r(phi) = radius (1 + sum_k shape_cos[k] cos k phi + shape_sin[k] sin k phi),
     stretched by (x, y) -> (stretch_x x, stretch_y y), electrodes and all. Of an `outline` phi is
     the share of its length, `radius_mm` that length over 2 pi, and the sum moves the rim along its
-    normal, by sqrt(area / pi) where it is 1. An electrode spans the
-    angles electrode_deg +- width / (2 radius); width 0 makes it a point. Conductivity along
-    `anisotropy_deg` over that across is `anisotropy_ratio`, geometric mean `conductivity_S_per_m`;
-    it rises towards `gradient_deg` by `gradient_across` of itself from rim to rim; each of the
-    `patches` multiplies it within a disc. Raises InputError for values that make no skin.
+    normal, by sqrt(area / pi) where it is 1. An electrode spans the angles electrode_deg +- width /
+    (2 radius); width 0 makes it a point. Conductivity along `anisotropy_deg` over that across is
+    `anisotropy_ratio`, geometric mean `conductivity_S_per_m`; it rises towards `gradient_deg` by
+    `gradient_across` of itself from rim to rim; each of the `patches` multiplies it within a disc.
+    Raises InputError for values that make no skin.
     """
 
     radius_mm: float

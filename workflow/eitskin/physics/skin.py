@@ -10,6 +10,7 @@ from eitskin.physics.rim_curve import RimCurve
 from eitskin.yaml_number import hint
 
 OPTIONAL = ("electrode_height_mm", "electrode_z_mm", "outline", "electrode_xy_mm", "electrode_s")
+ELECTRODE_PLACES = ("electrode_deg", "electrode_s", "electrode_xy_mm")  # any one of them will do
 SHAPES = ("rectangle", "ellipse")
 ELLIPSE_POINTS = 720  # through which the smooth rim of an ellipse goes
 POSITIVE = (
