@@ -68,20 +68,26 @@ def processor(cpuinfo: Path) -> str:
     return model[1] if model else platform.machine()
 
 
+def _busy_seconds() -> float:
+    """Processor seconds of the whole machine since it started."""
+    words = Path("/proc/stat").read_text(encoding="utf-8").split("\n")[0].split()
+    user, nice, system, _, _, interrupts, soft, *_ = map(int, words[1:])
+    return (user + nice + system + interrupts + soft) / os.sysconf("SC_CLK_TCK")
+
+
 class OtherWork:
     """The number of cores that other work on the machine uses, from now on."""
 
     def __init__(self) -> None:
-        self.start, self.busy_before = time.perf_counter(), self._seconds()
+        self.start, self.seconds_before = time.perf_counter(), self._seconds()
 
     @staticmethod
     def _seconds() -> float:
         """Processor seconds of the machine without this process and its ended children."""
-        words = Path("/proc/stat").read_text(encoding="utf-8").split("\n")[0].split()
-        user, nice, system, _, _, interrupts, soft, *_ = map(int, words[1:])
-        busy = (user + nice + system + interrupts + soft) / os.sysconf("SC_CLK_TCK")
-        return busy - sum(os.times()[:4])
+        return _busy_seconds() - sum(os.times()[:4])
 
     def cores(self) -> float:
-        """The mean number of cores since the start."""
-        return (self._seconds() - self.busy_before) / (time.perf_counter() - self.start)
+        """The mean number of cores since the start, at least 0: the kernel counts in steps of
+        10 ms, over a few milliseconds many cores in either direction."""
+        seconds = time.perf_counter() - self.start
+        return max((self._seconds() - self.seconds_before) / seconds, 0.0)

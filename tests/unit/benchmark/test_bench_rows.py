@@ -2,7 +2,6 @@
 
 import os
 import subprocess
-import time
 
 import pytest
 
@@ -57,10 +56,21 @@ def test_the_processor_is_the_model_that_the_system_tells(tmp_path):
     assert rows.processor(cpuinfo) == "A Fast One"
 
 
-def test_own_work_is_not_of_others(monkeypatch):
+@pytest.mark.parametrize("machine_s, process_s, cores", [(3.0, 0.0, 1.5), (3.0, 2.0, 0.5), (0.0, 1.0, 0.0)])
+def test_work_of_others_is_the_machines_without_that_of_the_process(
+    machine_s, process_s, cores, monkeypatch
+):
+    """In two seconds; the last: a tick that the machine's count has not yet seen."""
+    (clock, busy, process) = (100.0, 50.0, 7.0)
+    monkeypatch.setattr(rows.time, "perf_counter", lambda: clock)
+    monkeypatch.setattr(rows, "_busy_seconds", lambda: busy)
+    monkeypatch.setattr(os, "times", lambda: (process, 0.0, 0.0, 0.0, clock))
     other_work = rows.OtherWork()
-    time.sleep(0.3)
-    assert -0.1 < other_work.cores() < rows.machine()["cores"] + 0.1
-    user, *child_times = os.times()
-    monkeypatch.setattr(os, "times", lambda: (user + 100.0, *child_times))
-    assert other_work.cores() < -1.0
+    clock, busy, process = clock + 2.0, busy + machine_s, process + process_s
+    assert other_work.cores() == cores
+
+
+def test_the_machines_seconds_are_read_from_the_system():
+    before = rows._busy_seconds()
+    sum(range(10**7))
+    assert rows._busy_seconds() >= before > 0.0
