@@ -56,7 +56,9 @@ def test_the_processor_is_the_model_that_the_system_tells(tmp_path):
     assert rows.processor(cpuinfo) == "A Fast One"
 
 
-@pytest.mark.parametrize("machine_s, process_s, cores", [(3.0, 0.0, 1.5), (3.0, 2.0, 0.5), (0.0, 1.0, 0.0)])
+@pytest.mark.parametrize(
+    "machine_s, process_s, cores", [(3.0, 0.0, 1.5), (3.0, 2.0, 0.5), (0.0, 1.0, 0.0)]
+)
 def test_work_of_others_is_the_machines_without_that_of_the_process(
     machine_s, process_s, cores, monkeypatch
 ):
