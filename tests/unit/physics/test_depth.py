@@ -18,6 +18,7 @@ from eitskin.errors import InputError
 from eitskin.physics.depth import (
     DepthAccuracy,
     DepthForward,
+    Quadrature,
     Span,
     cylinder_response,
     legendre_overlap,
@@ -38,7 +39,7 @@ from witness.deep import DeepBody, Depth
 
 ANGLES = 22.5 * np.arange(16)
 CHANNELS = channel_table(16)
-FINER = DepthAccuracy(14, 4.5, 40.0, 14, 1e-7)
+FINER = DepthAccuracy(14, 4.5, 40.0, 14, 1e-7, Quadrature(10, 1e-8))
 PYEIDORS = "2026-03-14-21-38-31_1_10.00_55uA_1000Hz.csv"
 
 

@@ -33,14 +33,32 @@ from eitskin.physics.geometry import Geometry
 from eitskin.physics.touch import PanelSizes, Touch, TouchEdge, graded_panels
 from eitskin.physics.touch_cache import ContactCoupling, Place, TouchCoupling
 
-PANEL_NODES = 10
-SHORTEST_PANEL = 1e-8  # over the electrode's half side: an integrable 1 / r leaves about as much
 MOST_TERMS = 10_000_000  # of the double series: 80 MB an array
 LADDER = 1.1  # of lengths that the expansion follows in steps: bodies that differ little share it
 SHARED_SERIES, SHARED_HALVES = 4, 64  # kept, of a few megabytes each at most
 MOST_MODES = 6144  # of all electrodes together: matrices of 0.3 GB, of which a fit holds a dozen
 SHEET_OPERATIONS = 1e8  # of a body, in the time that solves a sheet of a known outline
 SHEET_ELEMENTS = 2.5e6  # of a body's matrix that a touched place reads in that time
+
+
+class Quadrature(NamedTuple):
+    """Of the near half: nodes of a panel, and the shortest panel over an electrode's half side, of
+    which an integrable 1 / r leaves less out."""
+
+    nodes: int
+    shortest: float
+
+    def panels(
+        self, start: float, stop: float, zero: float, rate: float, clearance: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes and weights on [start, stop] for erfc(rate lag) / |lag - zero|, where the distance
+        is at least `clearance`."""
+        return graded_panels(
+            start,
+            stop,
+            lambda lag: 0.45 * np.hypot(lag - zero, clearance),
+            PanelSizes(min(1.0, 1.5 / rate), self.shortest, self.nodes),
+        )
 
 
 @dataclass(frozen=True)
@@ -64,6 +82,7 @@ class DepthAccuracy:
     cut: float
     most_modes: int
     touch_tolerance: float
+    quadrature: Quadrature
 
     def modes(self, geometry: Geometry, heights: "Span", across: int) -> int:
         """Modes up an electrode with `across` modes across: as its contact asks for, MOST_MODES in
@@ -76,8 +95,8 @@ class DepthAccuracy:
 
 CONTACT_KNEE = 0.15  # z sigma / height at which the layer at an edge asks for more modes
 DEPTH_ACCURACIES = {
-    "train": DepthAccuracy(4, 3.5, 8.0, 8, 2e-4),
-    "diagnose": DepthAccuracy(8, 4.0, 20.0, 16, 1e-5),
+    "train": DepthAccuracy(4, 3.5, 8.0, 8, 2e-4, Quadrature(6, 1e-5)),
+    "diagnose": DepthAccuracy(8, 4.0, 20.0, 16, 1e-5, Quadrature(10, 1e-6)),
 }
 
 
@@ -125,6 +144,7 @@ class Expansion(NamedTuple):
     eta: float
     n_max: int
     m_max: int
+    quadrature: Quadrature
 
     def wave(self, k: np.ndarray) -> np.ndarray:
         """(up, K): projection of cos(k z), k (K,), on the modes up."""
@@ -177,7 +197,7 @@ def _image_part(
     lag, weight, above = _lags_up(expansion, offset, height_gap, mirrored)
     widest = LADDER * _rung_below(half_width)
     lag_across, across_weight, overlap = _lags_across(
-        across, expansion.eta * widest, height_gap / widest
+        expansion.quadrature, across, expansion.eta * widest, height_gap / widest
     )
     r = np.hypot(half_width * lag_across[:, None], offset + expansion.half_height * lag)
     kernel = across_weight[:, None] * erfc(expansion.eta * r) / r * weight
@@ -193,7 +213,10 @@ def _lags_up(
     touching = np.clip(-offset / half_height, -2.0, 2.0)
     rate, clearance = expansion.eta * half_height, height_gap / half_height
     panel_ends = np.unique([-2.0, 0.0, touching, 2.0])
-    panels = [_panels(a, b, touching, rate, clearance) for a, b in pairwise(panel_ends)]
+    panels = [
+        expansion.quadrature.panels(a, b, touching, rate, clearance)
+        for a, b in pairwise(panel_ends)
+    ]
     lag, weight = (np.concatenate(part) for part in zip(*panels, strict=True))
     above = legendre_overlap(expansion.up, lag)
     if mirrored:
@@ -203,11 +226,11 @@ def _lags_up(
 
 @lru_cache(SHARED_HALVES)
 def _lags_across(
-    across: int, rate: float, clearance: float
+    quadrature: Quadrature, across: int, rate: float, clearance: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Lags across (T,) and weights, and the overlap (across, across, T) of the modes at them, in
     both directions."""
-    lag, weight = _panels(0.0, 2.0, 0.0, rate, clearance)
+    lag, weight = quadrature.panels(0.0, 2.0, 0.0, rate, clearance)
     overlap = legendre_overlap(across, lag)
     return lag, weight, overlap + overlap.transpose(1, 0, 2)
 
@@ -281,6 +304,7 @@ class BodyElectrodes:
             self.eta,
             self.n_max,
             self.m_max,
+            self.quadrature,
         )
         self.depth = self.expansion.depth
         self.angular = self._angular()
@@ -298,6 +322,7 @@ class BodyElectrodes:
         smallest = min(half.min(), self.heights.height_mm / (2.0 * g.radius_mm))
         end = max(2.0 * accuracy.split * self.eta, accuracy.cut / _rung_below(smallest))
         self.n_max, self.m_max = int(np.ceil(end)), int(np.ceil(end * depth / np.pi))
+        self.quadrature = accuracy.quadrature
         if self.n_max * self.m_max > MOST_TERMS:
             actual = f"{gap:.1e} apart, {smallest:.1e} half a side, in radii"
             expected = f"larger ones further apart, for {MOST_TERMS:.0e} terms of a series"
@@ -374,19 +399,6 @@ def _check(geometry: Geometry, heights: Span) -> None:
         raise InputError("skin", "electrode_z_mm", actual, expected)
 
 
-def _panels(
-    start: float, stop: float, zero: float, rate: float, clearance: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights on [start, stop] for erfc(rate lag) / |lag - zero|, where the distance
-    is at least `clearance`."""
-    return graded_panels(
-        start,
-        stop,
-        lambda lag: 0.45 * np.hypot(lag - zero, clearance),
-        PanelSizes(min(1.0, 1.5 / rate), SHORTEST_PANEL, PANEL_NODES),
-    )
-
-
 class DepthForward(Forward):
     """A body `thickness_mm` deep with electrodes over a part of its height: a tank, a thick skin.
 
@@ -404,7 +416,7 @@ class DepthForward(Forward):
     ):
         """`depth_accuracy`: a name of DEPTH_ACCURACIES or a DepthAccuracy, by default the name
         `accuracy`; `donor`: a solved skin, to share parts with."""
-        super().__init__(geometry, accuracy)
+        self._place(geometry, accuracy)
         depth_choice = accuracy if depth_accuracy is None else depth_accuracy
         self.depth_accuracy = (
             DEPTH_ACCURACIES[depth_choice] if isinstance(depth_choice, str) else depth_choice
@@ -412,7 +424,7 @@ class DepthForward(Forward):
         self.heights = heights
         if heights is not None:
             self._expand(donor)
-            self._relax_electrodes(self.electrodes.matrix)
+        self._relax_electrodes(self.electrodes.matrix)
 
     def _expand(self, donor: Forward | None) -> None:
         """Set the electrodes and the efforts of a body."""

@@ -182,6 +182,13 @@ class Forward:
     ):
         """`donor`: a solved skin, whose parts that depend on rim and electrodes alone are shared
         where they agree."""
+        self._place(geometry, accuracy, donor)
+        self._relax_electrodes(self.electrodes.matrix)
+
+    def _place(
+        self, geometry: Geometry, accuracy: str | Accuracy, donor: "Forward | None" = None
+    ) -> None:
+        """Set the map, the electrodes and what touches need of them."""
         self.geometry = geometry
         self.accuracy = ACCURACIES[accuracy] if isinstance(accuracy, str) else accuracy
         modes = self.accuracy.modes(geometry)
@@ -202,7 +209,6 @@ class Forward:
         if geometry.outline:
             self.touch_effort = OUTLINE_TOUCH_EFFORT
         self.sheet_resistance = geometry.sheet_resistance_ohm
-        self._relax_electrodes(self.electrodes.matrix)
 
     @property
     def nbytes(self) -> int:
