@@ -339,9 +339,13 @@ def _slopes(
     """Minus the residual's derivative at theta (P,). Of columns (P, N, M) those that are NaN are
     computed, all of them where there are no columns; those of members of families are as the
     simulator has them. Coordinates that change channels exclusive to each are differenced
-    together."""
+    together; those of a body at accuracy train, in a tenth of the time, as by `Tangents`."""
     shape = residual.shape
     missing = np.ones(len(theta), bool) if columns is None else np.isnan(columns[:, 0]).any(axis=1)
+    model = problem.model
+    if missing.any() and not model.coarse and model.is_body(*problem.split(theta, effects)):
+        problem = replace(problem, model=model.with_coarse_bodies())
+        residual = problem.residual(theta, effects)
     exclusive = []
     start = len(problem.model.calibrations)
     for candidate in effects:

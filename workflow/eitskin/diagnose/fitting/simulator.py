@@ -297,8 +297,11 @@ class RecordingSimulator:
 
     def accuracy(self, coordinates: np.ndarray, settings: list[Setting]) -> str:
         """The accuracy at which a skin is solved; coordinates (P,): of the calibrations."""
-        coarse = self.coarse and span(self.geometry(coordinates, settings)) is not None
-        return "train" if coarse else "diagnose"
+        return "train" if self.coarse and self.is_body(coordinates, settings) else "diagnose"
+
+    def is_body(self, coordinates: np.ndarray, settings: list[Setting]) -> bool:
+        """Whether the skin is a body; coordinates (P,): of the calibrations."""
+        return span(self.geometry(coordinates, settings)) is not None
 
     def moments(self, coordinates: np.ndarray, settings: list[Setting]) -> list[Moment]:
         """(N,): time and touch of every frame with effects; coordinates (P,): of the

@@ -53,6 +53,7 @@ DISCREPANCY = "static-discrepancy"  # the component of one value a channel
 # somewhere; at least, for bodies are solved coarsely there.
 FAR_DISCREPANCY, COARSE_DISCREPANCY = 0.05, 3e-4
 FAR_RENEWALS = 4  # of the Jacobian of a fit that begins far off
+FAR_SHARE = 0.25  # of the budget, that such a fit may take: where noise is low a body takes more
 PROCESSES = 4  # fits at once, of which none knows what the others solve
 
 
@@ -262,17 +263,19 @@ def rough(search: Search, explanation: Explanation) -> Problem:
 
 
 def _attempted(
-    search: Search, attempt: Callable[[], Explanation | Refusal]
+    search: Search, attempt: Callable[[], Explanation | Refusal], share: float = 1.0
 ) -> Explanation | Refusal:
-    """What an attempt at fits within the budget leads to; a refusal where it meets a skin that the
-    physics does not have, or where the budget is used up."""
+    """What an attempt at fits within the budget, and a share of it, leads to; a refusal where it
+    meets a skin that the physics does not have, or where that is used up."""
+    solved_skins = search.problem.model.solved_skins
+    limit = min(search.budget, solved_skins.effort + share * search.budget)
     try:
-        with search.problem.model.solved_skins.within(search.budget):
+        with solved_skins.within(limit):
             return attempt()
     except (InputError, np.linalg.LinAlgError):
         return Refusal(PHYSICS, 0.0)
     except EffortExceeded:
-        return Refusal(BUDGET, search.budget_used)
+        return Refusal(BUDGET, solved_skins.effort / limit)
 
 
 def from_far(
@@ -303,7 +306,7 @@ def from_far(
         fine = fit(refined.fit.problem, fitted.effects, refined.fit.theta, refined.fit.jacobian)
         return explain(search, fine, explanation.p_values, refined.error_sds, refined.rig)
 
-    return _attempted(search, attempt)
+    return _attempted(search, attempt, FAR_SHARE)
 
 
 def _starts(
