@@ -33,12 +33,11 @@ def geometry(case: OutlineCase) -> Geometry:
     on_rim = [e for e in electrodes if isinstance(e, RimElectrode)]
     if len(on_rim) < len(electrodes):
         raise InputError(case.name, "electrodes", "some inside the skin", "all on the rim")
-    if definition["kind"] == "flat disc":
-        raise InputError(case.name, "outline", "corners beside a curve", "corners or a curve")
     if definition["kind"] == "polygon":
         rim = RimCurve(tuple(map(tuple, definition["corners_mm"])))
     else:
-        points = case.outline.place(np.arange(SMOOTH_POINTS) / SMOOTH_POINTS)
+        even = np.arange(SMOOTH_POINTS) / SMOOTH_POINTS
+        points = case.outline.place(np.union1d(even, case.outline.ends[case.outline.corners]))
         rim = RimCurve(tuple(zip(points.real, points.imag, strict=True)), smooth=True)
     return Geometry(
         rim.perimeter_mm / (2.0 * np.pi),

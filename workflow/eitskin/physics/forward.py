@@ -34,6 +34,8 @@ from eitskin.physics.touch_cache import ContactCoupling, Place, TouchCache, Touc
 
 # Poles of an outline's conformal map, tried in turn until its defect is FINE_DEFECT.
 FINENESSES = (Fineness(20, 0.5), Fineness(28, 0.35), Fineness(40, 0.3), Fineness(56, 0.25))
+# Of a curve besides: poles nearer to it, where its derivatives jump.
+BESIDE_CURVES = Fineness(56, 0.3, 0.1, 1600)
 FINE_DEFECT, COARSE_DEFECT = 1e-8, 1e-5
 # Of a defect in the least arc of an electrode, which narrow skins crowd on the disc: wanted, most.
 FINE_SHARE, COARSE_SHARE = 1e-5, 1e-4
@@ -637,7 +639,8 @@ def disc_map(geometry: Geometry) -> DiscMap:
 def _poled_map(geometry: Geometry) -> DiscMap:
     """The map with poles. Raises ValueError where none fits the rim."""
     best, refusal = None, None
-    for fineness in FINENESSES:
+    assert geometry.outline is not None
+    for fineness in (*FINENESSES, *([BESIDE_CURVES] if geometry.outline.smooth else [])):
         mapped = _map_at(geometry, fineness)
         if isinstance(mapped, ValueError):
             refusal = mapped
@@ -660,10 +663,12 @@ def _map_at(geometry: Geometry, fineness: Fineness) -> DiscMap | ValueError:
     differ in their electrodes, contacts or patches alone."""
     key = geometry.rim_key(), fineness
     if key not in _maps:
-        phi, corners = geometry.rim_phi(fineness.most_at_corner)
+        phi, corners = geometry.rim_phi(fineness.most_at_corner, fineness.even_points)
         place, slope = (geometry.unfold(geometry.rim(phi, order)) for order in (0, 1))
         length = np.abs(slope) * 0.5 * (np.roll(phi, -1) - np.roll(phi, 1)) % np.pi
-        sample = RimSample(place, -1j * slope / np.abs(slope), length, corners)
+        assert geometry.outline is not None
+        bent = geometry.outline.is_bent(phi)
+        sample = RimSample(place, -1j * slope / np.abs(slope), length, bent, corners)
         while len(_maps) >= KEPT_MAPS:
             _maps.pop(next(iter(_maps)))
         try:

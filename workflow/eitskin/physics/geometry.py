@@ -11,7 +11,7 @@ import numpy as np
 from eitskin.errors import InputError
 from eitskin.physics import outline
 from eitskin.physics.arrays import as_in
-from eitskin.physics.rim_curve import RimCurve
+from eitskin.physics.rim_curve import EVEN_POINTS, RimCurve
 from eitskin.physics.skin import Skin
 
 ROUND_POINTS = 256  # of a sampled round rim: more than twice the conformal map's degree
@@ -253,12 +253,14 @@ class Geometry:
         """An unfolded place well within the rim."""
         return complex(self.unfold(np.array([self.outline.centre]))[0]) if self.outline else 0.0
 
-    def rim_phi(self, corner_poles: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    def rim_phi(
+        self, corner_poles: int = 0, even_points: int = EVEN_POINTS
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Angles that sample the rim, ascending, and indices of corners among them; points crowd
         towards a corner as so many poles do."""
         if self.outline is None:
             return np.linspace(0.0, 2.0 * np.pi, ROUND_POINTS, endpoint=False), np.zeros(0, int)
-        return self.outline.sampled_phi(corner_poles)
+        return self.outline.sampled_phi(corner_poles, even_points)
 
 
 class Unfoldings:

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eitskin.physics.rim_curve import crowded
+from eitskin.physics.rim_curve import EVEN_POINTS, crowded
 
-CURVED_SHARE = 0.4  # of that disc's radius, of poles beside a smooth rim
+CURVED_SHARE = 0.4  # of that disc's radius, of poles beside a curve: the coarsest
 RE_ENTRANT = 1.6  # times as many poles at a corner that points inwards
 CORNER_SHARE = 0.1  # of a corner's reach, within which its own poles serve alone
 CLEAR_SHARE = 0.7  # of the way to the rim beyond, that a corner's poles go at most
@@ -35,21 +35,26 @@ class RimSample:
     """A rim as points in order, counter-clockwise, complex and in any one unit of length.
 
     place, normal (N,): points, and unit normals outwards; length (N,): of the rim that each stands
-    for; corners (C,): indices of points that are corners.
+    for; bent (N,): whether it is on a curve, and not a straight side; corners (C,): indices of
+    points that are corners.
     """
 
     place: np.ndarray
     normal: np.ndarray
     length: np.ndarray
+    bent: np.ndarray
     corners: np.ndarray
 
 
 @dataclass(frozen=True)
 class Fineness:
-    """Poles at each corner; spacing of those beside the rim, over their distance from it."""
+    """Poles at each corner; spacing of those beside the rim, over their distance from it; that
+    distance beside a curve, over the touching disc's radius; points of the rim, evenly."""
 
     corner: int
     spacing: float
+    curved_share: float = CURVED_SHARE
+    even_points: int = EVEN_POINTS
 
     @property
     def most_at_corner(self) -> int:
@@ -60,7 +65,7 @@ class Fineness:
 def placed(sample: RimSample, fineness: Fineness) -> Poles:
     """Poles at the corners of a rim and beside it."""
     corner_poles = [_at_corner(sample, k, fineness) for k in range(len(sample.corners))]
-    places, distances = zip(*corner_poles, _beside(sample, fineness.spacing), strict=True)
+    places, distances = zip(*corner_poles, _beside(sample, fineness), strict=True)
     return Poles(np.concatenate(places), np.concatenate(distances))
 
 
@@ -78,10 +83,19 @@ def _at_corner(sample: RimSample, corner: int, fineness: Fineness) -> tuple[np.n
 
 
 def _side_lengths(sample: RimSample) -> np.ndarray:
-    """(C,): of each corner, the distance to the nearer of the corners beside it."""
+    """(C,): of each corner, the smaller of two distances, one a side: to the corner at its other
+    end, or on a curve to the farthest point of it."""
     corners = sample.place[sample.corners]
-    side = np.abs(np.roll(corners, -1) - corners)
-    return np.minimum(side, np.roll(side, 1))
+    behind = np.abs(np.roll(corners, -1) - corners)
+    before = behind.copy()
+    stops = np.roll(sample.corners, -1)
+    for k, (start, stop) in enumerate(zip(sample.corners, stops, strict=True)):
+        size = len(sample.place)
+        side = (start + np.arange((stop - start - 1) % size + 2)) % size
+        if sample.bent[side[:-1]].any():
+            away = np.abs(sample.place[side] - corners[[k, (k + 1) % len(corners)], None])
+            behind[k], before[k] = away.max(axis=1)
+    return np.minimum(behind, np.roll(before, 1))
 
 
 def _clear(rim: np.ndarray, place: complex, direction: complex) -> float:
@@ -96,18 +110,17 @@ def _clear(rim: np.ndarray, place: complex, direction: complex) -> float:
     return float(along[meets].min(initial=np.inf))
 
 
-def _beside(sample: RimSample, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+def _beside(sample: RimSample, fineness: Fineness) -> tuple[np.ndarray, np.ndarray]:
     away = np.ones(len(sample.place), bool)
     for index, reach in zip(sample.corners, _side_lengths(sample), strict=True):
         away &= np.abs(sample.place - sample.place[index]) > CORNER_SHARE * reach
-    place, normal, length = (
-        values[away] for values in (sample.place, sample.normal, sample.length)
+    place, normal, length, bent = (
+        values[away] for values in (sample.place, sample.normal, sample.length, sample.bent)
     )
     rim = np.concatenate([place, sample.place[sample.corners]])
     distance = np.minimum(_touching(place, normal, rim, -1.0), _touching(place, normal, rim, 1.0))
-    if not len(sample.corners):
-        distance = CURVED_SHARE * distance
-    count = length / (spacing * distance)
+    distance = np.where(bent, fineness.curved_share, 1.0) * distance
+    count = length / (fineness.spacing * distance)
     total = np.cumsum(count)
     steps = np.arange(int(total[-1])) + 0.5
     index = np.searchsorted(total, steps)
