@@ -237,6 +237,7 @@ class BodyElectrodes:
             expected = f"poorer contacts, that {MOST_MODES} modes resolve"
             raise InputError("skin", "contact_impedivity_ohm_m2", actual, expected)
         self.order = self.across * self.up
+        self.whole = np.arange(self.n) * self.order
         self.rim = sheet.rim
         self._choose_orders(accuracy)
         self._place()

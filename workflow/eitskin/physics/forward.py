@@ -23,6 +23,7 @@ from eitskin.errors import InputError
 from eitskin.physics.arrays import as_in, library
 from eitskin.physics.conformal import DiscMap
 from eitskin.physics.contact_current import EvenCurrent
+from eitskin.physics.electrode_pieces import pieces
 from eitskin.physics.electrodes import ElectrodeMotion, Electrodes
 from eitskin.physics.even_touches import even_touches
 from eitskin.physics.geometry import Geometry, RimMotion
@@ -212,12 +213,12 @@ class Forward:
         return 8 * len(self._inner) ** 2
 
     def _relax_electrodes(self, matrix: np.ndarray) -> None:
-        """Set the transfer impedance: the Schur complement of `matrix` (n order, n order) on the
+        """Set the transfer impedance: the Schur complement of `matrix` (size, size) on the
         electrodes' whole currents, which the inner modes take at least power."""
-        n, order = self.electrodes.n, self.electrodes.order
-        is_whole = np.zeros(n * order, dtype=bool)
-        is_whole[::order] = True
-        self._whole, self._inner = np.flatnonzero(is_whole), np.flatnonzero(~is_whole)
+        n = self.electrodes.n
+        is_inner = np.ones(len(matrix), dtype=bool)
+        is_inner[self.electrodes.whole] = False
+        self._whole, self._inner = self.electrodes.whole, np.flatnonzero(is_inner)
         self._inner_factor: tuple[np.ndarray, bool] | None = None
         self._inner_currents = np.zeros((0, n))
         self._relative = matrix[np.ix_(self._whole, self._whole)]
@@ -427,7 +428,7 @@ class Forward:
 
     def _relax(self, coupling: np.ndarray, response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gains (..., n, k) and response (..., k, k) of sources that couple to the electrodes'
-        modes by `coupling` (..., n order, k), after the electrodes' inner modes have relaxed."""
+        modes by `coupling` (..., size, k), after the electrodes' inner modes have relaxed."""
         inner = coupling[..., self._inner, :]
         gains = coupling[..., self._whole, :] + self._inner_currents.T @ inner
         if self._inner_factor is not None:
@@ -443,16 +444,15 @@ class Forward:
         return gains, response
 
     def unit_currents(self) -> np.ndarray:
-        """(n order, n): currents in the electrodes' modes for a unit current into each
-        electrode."""
+        """(size, n): currents in the electrodes' modes for a unit current into each electrode."""
         n = self.electrodes.n
-        currents = np.zeros((n * self.electrodes.order, n))
+        currents = np.zeros((len(self._whole) + len(self._inner), n))
         currents[self._whole, range(n)] = 1.0
         currents[self._inner] = self._inner_currents
         return currents
 
     def _solve(self, touches: Sequence[Touch]) -> tuple[np.ndarray, np.ndarray, list, list]:
-        """Relative impedance (n, n), currents in the electrodes' modes (n order, n), edges of the
+        """Relative impedance (n, n), currents in the electrodes' modes (size, n), edges of the
         touches and their multipoles (2 degree, n)."""
         touches = [touch for touch in touches if abs(touch.contrast) > LEAST_CONTRAST]
         edges = [
@@ -527,11 +527,11 @@ class _Slopes:
         self.electrodes = forward.electrodes
         self.density = self.electrodes.density(currents)
         self.field = self.electrodes.field(self.density)
-        self.amplitude = currents.reshape(self.electrodes.n, self.electrodes.order, -1)
+        self.amplitude = self.electrodes.of_pieces(currents)
 
     @cached_property
     def contact_blocks(self) -> np.ndarray:
-        """(n, order, order): contact drop of every electrode."""
+        """(m, order, order): contact drop of every piece of the electrodes."""
         return self.electrodes.contact_blocks()
 
     def derivative(self, parameter: str) -> np.ndarray:
@@ -560,9 +560,12 @@ class _Slopes:
     def _contact_drop(self, electrode: int) -> np.ndarray:
         if self.geometry.points:
             return np.zeros_like(self.relative)
-        block = self.contact_blocks[electrode]
-        amplitude = self.amplitude[electrode]
-        return amplitude.T @ block @ amplitude
+        own = self.electrodes.pieces.of(electrode)
+        drops = (
+            amplitude.T @ block @ amplitude
+            for block, amplitude in zip(self.contact_blocks[own], self.amplitude[own], strict=True)
+        )
+        return sum(drops, np.zeros_like(self.relative))
 
     def _skin_motion_slope(self, motion: RimMotion) -> np.ndarray:
         forward, g = self.forward, self.geometry
@@ -681,9 +684,18 @@ def _map_at(geometry: Geometry, fineness: Fineness) -> DiscMap | ValueError:
 
 def _least_arc(geometry: Geometry, disc: DiscMap) -> float:
     """Of all electrodes, the least angle that spans one on the disc, rad; of points, 1 mm."""
-    place = geometry.unfold(geometry.rim(np.radians(geometry.electrode_deg)))
+    middle = np.radians(geometry.electrode_deg)
+    place = geometry.unfold(geometry.rim(middle))
     width = 1.0 if geometry.points else geometry.electrode_width_mm
-    return float((np.abs(disc.derivatives(place, 1)[1]) * width).min())
+    arcs = np.abs(disc.derivatives(place, 1)[1]) * width
+    split = pieces(geometry)
+    round_corner = np.flatnonzero(np.bincount(split.electrode) > 1)
+    if len(round_corner):
+        half = geometry.electrode_width_mm[round_corner] / (2.0 * geometry.radius_mm)
+        ends = middle[round_corner] + np.multiply.outer([1.0, -1.0], half)
+        stop, start = disc(geometry.unfold(geometry.rim(ends)))
+        arcs[round_corner] = np.angle(stop / start) % (2.0 * np.pi)
+    return float(arcs.min())
 
 
 def _clearances(touches: list[Touch]) -> list[float]:

@@ -16,7 +16,7 @@ from eitskin.physics.skin import Skin
 
 ROUND_POINTS = 256  # of a sampled round rim: more than twice the conformal map's degree
 DRAWN_POLES = 8  # of corners of a rim that has moved, where places are sought within it
-CORNER_CLEARANCE = 1e-3  # radians of the rim's length between an electrode and a corner
+CORNER_CLEARANCE = 1e-3  # radians of the rim's length between a point electrode and a corner
 RIM = {
     *("radius_mm", "shape_cos", "shape_sin", "stretch_x", "stretch_y"),
     *("anisotropy_ratio", "anisotropy_deg", "outline"),
@@ -107,16 +107,14 @@ class Geometry:
             self._refuse_on_outlines()
 
     def _refuse_on_outlines(self) -> None:
-        """Raise InputError for electrodes round a corner, and for what only discs have."""
+        """Raise InputError for points at a corner, and for what only discs have."""
         assert self.outline is not None
-        corners = self.outline.corner_phi
-        half = self.electrode_width_mm / (2.0 * self.radius_mm)
-        offset = corners[:, None] - np.radians(self.electrode_deg)
+        offset = self.outline.corner_phi[:, None] - np.radians(self.electrode_deg)
         offset = np.abs((offset + np.pi) % (2.0 * np.pi) - np.pi)
-        at_corner = np.flatnonzero((offset < half + CORNER_CLEARANCE).any(axis=0))
-        if len(at_corner):
-            actual = f"electrode {at_corner[0]} at a corner"
-            raise InputError("skin", "electrodes", actual, "electrodes on a side, off its corners")
+        at_corner = np.flatnonzero((offset < CORNER_CLEARANCE).any(axis=0))
+        if self.points and len(at_corner):
+            actual = f"electrode {at_corner[0]}, a point, at a corner"
+            raise InputError("skin", "electrodes", actual, "points off the corners, or a width")
         for key in ("electrode_height_mm", "electrode_z_mm"):
             if getattr(self, key) is not None:
                 actual, expected = "a depth, on a skin that is no disc", "none: bodies are discs"
