@@ -172,14 +172,6 @@ def test_a_strip_too_narrow_for_its_electrodes_is_refused_by_name():
         Forward(skin(strip, first=0.37))
 
 
-def test_electrodes_round_a_corner_and_depths_are_refused():
-    square = rectangle(100.0, 100.0)
-    with pytest.raises(InputError, match="electrode 0 at a corner"):
-        skin(square, first=0.0)
-    with pytest.raises(InputError, match="bodies are discs"):
-        skin(square, electrode_height_mm=3.0)
-
-
 def test_a_map_without_poles_is_that_of_a_disc():
     rim = 80.0 * np.exp(2j * np.pi * np.arange(256) / 256)
     assert len(DiscMap(rim).series.poles) == 0

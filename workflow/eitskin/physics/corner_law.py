@@ -37,8 +37,8 @@ class CornerLaw:
         places = phi + SIGNS[:, None] * lengths / self._speed[:, None]
         mapped = disc(geometry.unfold(geometry.rim(places)))
         half_angle = 0.5 * np.angle(mapped[0] / mapped[1])
-        known = np.flatnonzero(half_angle > np.sqrt(disc.defect))
-        last = int(known.max(initial=0))
+        least = np.sqrt(disc.defect * half_angle[0])
+        last = int(np.flatnonzero(half_angle > least).max(initial=0))
         self.reach_mm, self._half_angle = float(lengths[last]), float(half_angle[last])
         self._places = places[:, last]
         self.theta = float(np.angle(mapped[1, last]) + self._half_angle)

@@ -7,6 +7,8 @@ after which both are smooth for right angles, inwards and outwards, and nearly s
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import legendre, polynomial
@@ -44,6 +46,15 @@ class Pieces:
         return self.corner >= 0
 
 
+class _End(NamedTuple):
+    """Of a piece: its place from the electrode's middle, rad; otherwise as of Pieces."""
+
+    place: float
+    corner: int
+    gap: float
+    free: bool
+
+
 def pieces(geometry: Geometry) -> Pieces:
     """The pieces of a skin's electrodes; ends within CORNER_CLEARANCE of a corner count as at
     it."""
@@ -57,25 +68,12 @@ def pieces(geometry: Geometry) -> Pieces:
         none = np.full((n, 2), -1)
         free = np.ones((n, 2), bool)
         return Pieces(np.arange(n), middle, half, none, np.zeros((n, 2)), free)
-    rows = []
-    for electrode in range(n):
-        width = half[electrode]
-        ends = [(-width, -1, 0.0, True)]
-        for corner in np.argsort(offset[electrode]):
-            place = offset[electrode, corner]
-            if not near[electrode, corner]:
-                continue
-            beyond = abs(place) - width
-            if beyond < -LEAST_PIECE * width:
-                ends.append((place, corner, 0.0, False))
-            elif place < 0:
-                ends[0] = (-width, corner, max(beyond, 0.0), True)
-            else:
-                ends.append((width, corner, max(beyond, 0.0), True))
-        if not ends[-1][3] or len(ends) == 1:
-            ends.append((width, -1, 0.0, True))
-        rows += [(electrode, start, stop) for start, stop in zip(ends, ends[1:], strict=False)]
-    electrode = np.array([row[0] for row in rows])
+    rows = [
+        (number, *ends)
+        for number in range(n)
+        for ends in pairwise(_ends(offset[number], half[number]))
+    ]
+    electrode = np.array([number for number, _, _ in rows])
     place, corner, gap, free = (
         np.array([(start[k], stop[k]) for _, start, stop in rows]) for k in range(4)
     )
@@ -90,14 +88,30 @@ def pieces(geometry: Geometry) -> Pieces:
     )
 
 
+def _ends(offset: np.ndarray, half: float) -> list[_End]:
+    """The ends of an electrode's pieces, in order; offset (C,): of the corners from its middle."""
+    start, stop = _End(-half, -1, 0.0, True), _End(half, -1, 0.0, True)
+    between = []
+    for corner in np.argsort(-np.abs(offset)).tolist():
+        place = float(offset[corner])
+        gap = abs(place) - half
+        if gap < -LEAST_PIECE * half:
+            between.append(_End(place, corner, 0.0, False))
+        elif gap < CORNER_CLEARANCE and place < 0:
+            start = _End(-half, corner, max(gap, 0.0), True)
+        elif gap < CORNER_CLEARANCE:
+            stop = _End(half, corner, max(gap, 0.0), True)
+    return [start, *sorted(between), stop]
+
+
 @dataclass(frozen=True)
 class Grading:
     """The nodes across a piece, as t from -1 to 1 has them, crowded at its graded ends.
 
     position, slope (q,): place in half widths from the middle, and its derivative by t; from_end
-    (2, q): half widths from start and stop; coefficients (order, K): of Legendre modes, for currents
-    whose density by the rim's length is smooth by t, the first of them even and 1 in all, the
-    others 0 in all.
+    (2, q): half widths from start and stop; coefficients (order, K): of Legendre modes, for
+    currents whose density by the rim's length is smooth by t, the first of them even and 1 in all,
+    the others 0 in all.
     """
 
     position: np.ndarray
@@ -106,7 +120,9 @@ class Grading:
     coefficients: np.ndarray
 
 
-def grading(t: np.ndarray, weight: np.ndarray, order: int, at_start: bool, at_stop: bool) -> Grading:
+def grading(
+    t: np.ndarray, weight: np.ndarray, order: int, at_start: bool, at_stop: bool
+) -> Grading:
     """The grading for nodes t (q,) with their weights and so many Legendre modes."""
     if not (at_start or at_stop):
         return Grading(t, np.ones_like(t), np.stack([1.0 + t, 1.0 - t]), np.eye(order))
@@ -116,8 +132,8 @@ def grading(t: np.ndarray, weight: np.ndarray, order: int, at_start: bool, at_st
     position = np.where(t < 0, from_start - 1.0, 1.0 - from_stop)
     count = order + 1 - len(law)
     root = np.sqrt(weight * slope)
-    smooth, _ = np.linalg.qr(legendre.legvander(t, count - 1) * root[:, None])
-    density = slope[:, None] * smooth / root[:, None]
+    orthonormal = np.linalg.qr(legendre.legvander(t, count - 1) * root[:, None])[0]
+    density = slope[:, None] * orthonormal / root[:, None]
     density[:, 0] = 0.5 * slope
     modes = legendre.legvander(t, order - 1)
     degree = 2.0 * np.arange(order)[:, None] + 1.0
@@ -128,15 +144,13 @@ def grading(t: np.ndarray, weight: np.ndarray, order: int, at_start: bool, at_st
 def _slope(at_start: bool, at_stop: bool) -> np.ndarray:
     """Coefficients of d phi / dt by s = 1 + t, in half widths: it vanishes as the distance from a
     graded end to the power GRADING, and is 1 at an end that is not graded."""
-    start, stop = ([0.0, 1.0], [2.0, -1.0])
-    slope = np.ones(1)
-    for at_end, factor in ((at_start, start), (at_stop, stop)):
-        if at_end:
-            slope = polynomial.polymul(slope, polynomial.polypow(factor, GRADING))
+    start, stop = polynomial.polypow([0.0, 1.0], GRADING), polynomial.polypow([2.0, -1.0], GRADING)
     if at_start and at_stop:
-        return slope * 2.0 / polynomial.polyval(2.0, polynomial.polyint(slope))
-    level = 0.25 * np.ones(1)
-    return polynomial.polymul(slope, polynomial.polyadd(level, stop if at_start else start))
+        slope = polynomial.polymul(start, stop)
+        return np.asarray(slope * 2.0 / polynomial.polyval(2.0, polynomial.polyint(slope)))
+    if at_start:
+        return np.asarray(polynomial.polymul(start, [2.25, -1.0]))
+    return np.asarray(polynomial.polymul(stop, [0.25, 1.0]))
 
 
 def _rise(s: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -154,12 +168,12 @@ def combined(parts: list[np.ndarray], electrode: np.ndarray, half: np.ndarray) -
     order = len(parts[0])
     columns = []
     for number in np.unique(electrode):
-        own = np.flatnonzero(electrode == number)
-        share = half[own] / half[own].sum()
-        even = np.zeros((len(own), len(half), order))
-        even[range(len(own)), own] = [parts[piece][:, 0] for piece in own]
+        indices = np.flatnonzero(electrode == number)
+        share = half[indices] / half[indices].sum()
+        even = np.zeros((len(indices), len(half), order))
+        even[range(len(indices)), indices] = [parts[piece][:, 0] for piece in indices]
         columns += [np.tensordot(share, even, 1), *(even[1:] - even[0])]
-        for piece in own:
+        for piece in indices:
             for mode in parts[piece].T[1:]:
                 column = np.zeros((len(half), order))
                 column[piece] = mode

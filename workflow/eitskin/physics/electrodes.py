@@ -136,7 +136,8 @@ class Electrodes:
         bend = (self.f[2] * z_slope**2 + self.f[1] * z_bend) / self.f[0] - spin**2
         self.theta_bend = bend.imag
         self.arc_slope = 1e-3 * np.abs(g.rim(self.phi, 1))
-        self._anchor, self._offset = self.theta, None
+        self._anchor = self.theta
+        self._offset: np.ndarray | None = None
         self._by_law: list[_NodesByLaw] = []
         if self.pieces.graded.any():
             self._angles_at_corners()
@@ -150,7 +151,7 @@ class Electrodes:
             corner: CornerLaw(g, self.disc, g.outline.corner_phi[corner])
             for corner in np.unique(split.corner[split.graded]).tolist()
         }
-        self._anchor, self._offset = self.theta.copy(), np.zeros_like(self.theta)
+        anchor, offset = self.theta.copy(), np.zeros_like(self.theta)
         distance = split.gap[:, :, None] + split.half[:, None, None] * self._from_end
         distance[~split.graded] = np.inf
         for piece, side in np.argwhere(split.graded).tolist():
@@ -158,14 +159,14 @@ class Electrodes:
             away = distance[piece, side]
             nearer = away <= distance[piece, 1 - side]
             wide = self.theta[piece, nearer] - law.theta
-            self._anchor[piece, nearer] = law.theta
-            self._offset[piece, nearer] = (wide + np.pi) % (2.0 * np.pi) - np.pi
+            anchor[piece, nearer] = law.theta
+            offset[piece, nearer] = (wide + np.pi) % (2.0 * np.pi) - np.pi
             close = nearer & (law.lengths(away, side) < law.reach_mm)
-            values = self._offset, self.theta_slope, self.theta_bend
+            values = offset, self.theta_slope, self.theta_bend
             for array, close_values in zip(values, law.angles(away[close], side), strict=True):
                 array[piece, close] = close_values
             self._by_law.append(_NodesByLaw(law, piece, side, close, away[close]))
-        self.theta = self._anchor + self._offset
+        self._anchor, self._offset, self.theta = anchor, offset, anchor + offset
 
     def _contact_matrix(self) -> np.ndarray:
         """Contact drop of the modes (0 for points)."""
@@ -354,8 +355,10 @@ def tested(modes: np.ndarray, potential: np.ndarray, n: int) -> np.ndarray:
 def _self_kernel(
     t: np.ndarray, angle: np.ndarray, slope: np.ndarray, factor: np.ndarray
 ) -> np.ndarray:
-    """(..., n, q, q): the Neumann function on one electrode, without -ln|t - t'| / pi; angle (..., n,
-    q, q): between its nodes."""
+    """(..., n, q, q): the Neumann function on one electrode, without -ln|t - t'| / pi.
+
+    angle (..., n, q, q): between its nodes.
+    """
     xp, diagonal = library(angle), as_in(np.eye(len(t), dtype=bool), angle)
     difference = xp.where(diagonal, 1.0, angle)
     distance = xp.where(diagonal, 1.0, abs(t[:, None] - t))

@@ -560,12 +560,9 @@ class _Slopes:
     def _contact_drop(self, electrode: int) -> np.ndarray:
         if self.geometry.points:
             return np.zeros_like(self.relative)
-        own = self.electrodes.pieces.of(electrode)
-        drops = (
-            amplitude.T @ block @ amplitude
-            for block, amplitude in zip(self.contact_blocks[own], self.amplitude[own], strict=True)
-        )
-        return sum(drops, np.zeros_like(self.relative))
+        selection = self.electrodes.pieces.of(electrode)
+        amplitude = self.amplitude[selection]
+        return np.sum(amplitude.mT @ self.contact_blocks[selection] @ amplitude, axis=0)
 
     def _skin_motion_slope(self, motion: RimMotion) -> np.ndarray:
         forward, g = self.forward, self.geometry

@@ -7,7 +7,7 @@ itself again: poles as far off as the largest disc within is large serve narrow 
 polynomials fail.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,15 +16,22 @@ from eitskin.physics.rim_curve import EVEN_POINTS, crowded
 CURVED_SHARE = 0.4  # of that disc's radius, of poles beside a curve: the coarsest
 RE_ENTRANT = 1.6  # times as many poles at a corner that points inwards
 CORNER_SHARE = 0.1  # of a corner's reach, within which its own poles serve alone
+# The same where the wedge outside a corner is narrower than a right angle: its width is what the
+# poles beside the rim follow. In radians, from where on it is.
+NARROW_SHARE, NARROW_TURN = 1e-8, -1.65
+BEYOND_SHARE = 0.5  # of a corner's reach: a pole that moves with it
 CLEAR_SHARE = 0.7  # of the way to the rim beyond, that a corner's poles go at most
 
 
 @dataclass(frozen=True)
 class Poles:
-    """Poles outside a skin (P,) complex, and their distances from its rim (P,)."""
+    """Poles outside a skin (P,) complex, and their distances from its rim (P,); of corners that
+    point inwards their indices (C,) among the rim's points, and a place beyond each (C,)."""
 
     place: np.ndarray
     distance: np.ndarray
+    inward: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    beyond: np.ndarray = field(default_factory=lambda: np.zeros(0, complex))
 
 
 NO_POLES = Poles(np.zeros(0, complex), np.zeros(0))
@@ -66,20 +73,39 @@ def placed(sample: RimSample, fineness: Fineness) -> Poles:
     """Poles at the corners of a rim and beside it."""
     corner_poles = [_at_corner(sample, k, fineness) for k in range(len(sample.corners))]
     places, distances = zip(*corner_poles, _beside(sample, fineness), strict=True)
-    return Poles(np.concatenate(places), np.concatenate(distances))
+    inward = [k for k in range(len(sample.corners)) if _turn(sample, k) < 0]
+    corners = sample.place[sample.corners[inward]]
+    farthest = np.array([places[k][-1] for k in inward], complex)
+    return Poles(
+        np.concatenate(places),
+        np.concatenate(distances),
+        sample.corners[inward],
+        corners + BEYOND_SHARE * (farthest - corners),
+    )
 
 
 def _at_corner(sample: RimSample, corner: int, fineness: Fineness) -> tuple[np.ndarray, np.ndarray]:
-    size, index = len(sample.place), int(sample.corners[corner])
-    place = sample.place[index]
-    # The normal of each side, at the points before and behind the corner.
-    before, after = sample.normal[index - 1], sample.normal[(index + 1) % size]
+    place = sample.place[int(sample.corners[corner])]
+    before, after = _normals(sample, corner)
     outward = (before + after) / abs(before + after)
-    is_convex = (np.conj(before) * after).imag > 0
-    count = fineness.corner if is_convex else fineness.most_at_corner
+    count = fineness.corner if _turn(sample, corner) > 0 else fineness.most_at_corner
     reach = min(_side_lengths(sample)[corner], CLEAR_SHARE * _clear(sample.place, place, outward))
     distance = reach * crowded(count)
+    # Nearer ones coincide with the corner, as far as its coordinates say where it is.
+    distance = distance[distance > 4.0 * np.finfo(float).eps * np.abs(sample.place).max()]
     return place + outward * distance, distance
+
+
+def _normals(sample: RimSample, corner: int) -> tuple[complex, complex]:
+    """The normal of each side, at the points before and behind a corner."""
+    index = int(sample.corners[corner])
+    return sample.normal[index - 1], sample.normal[(index + 1) % len(sample.place)]
+
+
+def _turn(sample: RimSample, corner: int) -> float:
+    """By how much the rim turns at a corner, radians; less than 0 where it points inwards."""
+    before, after = _normals(sample, corner)
+    return float(np.angle(np.conj(before) * after))
 
 
 def _side_lengths(sample: RimSample) -> np.ndarray:
@@ -112,8 +138,9 @@ def _clear(rim: np.ndarray, place: complex, direction: complex) -> float:
 
 def _beside(sample: RimSample, fineness: Fineness) -> tuple[np.ndarray, np.ndarray]:
     away = np.ones(len(sample.place), bool)
-    for index, reach in zip(sample.corners, _side_lengths(sample), strict=True):
-        away &= np.abs(sample.place - sample.place[index]) > CORNER_SHARE * reach
+    for corner, reach in enumerate(_side_lengths(sample)):
+        share = NARROW_SHARE if _turn(sample, corner) < NARROW_TURN else CORNER_SHARE
+        away &= np.abs(sample.place - sample.place[sample.corners[corner]]) > share * reach
     place, normal, length, bent = (
         values[away] for values in (sample.place, sample.normal, sample.length, sample.bent)
     )
