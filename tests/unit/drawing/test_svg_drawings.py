@@ -136,7 +136,8 @@ def test_electrodes_stand_on_a_bent_rim(drawn):
 
 def test_an_electrode_at_a_corner_is_said(drawn):
     seen = drawn(SQUARE + '<g id="electrodes"><circle cx="10" cy="10" r="2"/></g>')
-    assert "At a corner, where no simulation takes them: electrodes 0." in seen.sentences
+    said = "At a corner, where they need a width to be simulated: electrodes 0."
+    assert said in seen.sentences
 
 
 def test_parts_that_meet_are_one_rim(drawn):

@@ -112,6 +112,14 @@ def flat_disc():
     return RimCurve(tuple(zip(np.roll(arc.real, -31), np.roll(arc.imag, -31), strict=True)), True)
 
 
+@pytest.mark.parametrize("anisotropy", [1.0, 1.3])
+def test_a_map_is_one_on_a_rim_with_corners_beside_curves(anisotropy):
+    """Also between the points that it is fitted to."""
+    geometry = skin(flat_disc(), first=0.4, anisotropy_ratio=anisotropy)
+    rim = geometry.rim(np.linspace(0.0, 2.0 * np.pi, 5001) + 1e-4)
+    np.testing.assert_allclose(np.abs(disc_map(geometry)(geometry.unfold(rim))), 1.0, atol=1e-8)
+
+
 @pytest.mark.parametrize("rim", [rectangle(120.0, 80.0), flat_disc()], ids=["rectangle", "flat"])
 @pytest.mark.parametrize(
     "name", ["electrode_deg[3]", "shape_cos[2]", "stretch_x", "anisotropy_ratio", "x_mm[0]"]

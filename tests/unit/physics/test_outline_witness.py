@@ -7,7 +7,9 @@ from benchmark import outlines
 pytestmark = pytest.mark.long
 
 
-@pytest.mark.parametrize("name", ["L", "ellipse 2:1", "flat disc", "blob"])
+@pytest.mark.parametrize(
+    "name", ["L", "ellipse 2:1", "flat disc", "blob", "square, round corners", "L, round corners"]
+)
 def test_an_outline_is_that_of_finite_elements(name):
     train, diagnose = outlines.rows(name)
     assert diagnose["witness_error"] < 3e-7 and diagnose["witness_touch_error"] < 3e-6

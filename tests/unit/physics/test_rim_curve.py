@@ -1,5 +1,8 @@
 """Rims by their length: corners, smooth curves, motions along the normal, and what is no rim."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -49,6 +52,11 @@ def test_an_ellipse_has_its_length_and_even_speed():
     assert rim.area_mm2 == pytest.approx(np.pi * 3200.0, rel=1e-10)
     speed = np.abs(rim.place(PHI, 1)) * 2.0 * np.pi / rim.perimeter_mm
     np.testing.assert_allclose(speed, 1.0, atol=1e-8)
+
+
+def test_splines_are_imported_where_a_rim_is_drawn_alone():
+    program = "import sys, eitskin.physics.skin; sys.exit('scipy.interpolate' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
 
 
 @pytest.mark.parametrize("first", [0, 23, 59])

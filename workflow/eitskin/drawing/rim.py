@@ -311,12 +311,11 @@ def _places(
 
 
 def _corner_sentences(phi: np.ndarray, rim: RimCurve) -> list[str]:
-    """A sentence on electrodes, at angles (n,), that no simulation takes."""
+    """A sentence on electrodes, at angles (n,), that are not simulated as points."""
     offset = phi[:, None] - rim.corner_phi
     offset = np.abs((offset + np.pi) % (2.0 * np.pi) - np.pi)
     at_corner = np.flatnonzero((offset < CORNER_CLEARANCE).any(axis=1))
     if not len(at_corner):
         return []
-    return [
-        f"At a corner, where no simulation takes them: electrodes {listed(at_corner.tolist())}."
-    ]
+    numbers = listed(at_corner.tolist())
+    return [f"At a corner, where they need a width to be simulated: electrodes {numbers}."]

@@ -37,6 +37,9 @@ from eitskin.physics.touch_cache import ContactCoupling, Place, TouchCache, Touc
 FINENESSES = (Fineness(20, 0.5), Fineness(28, 0.35), Fineness(40, 0.3), Fineness(56, 0.25))
 # Of a curve besides: poles nearer to it, where its derivatives jump.
 BESIDE_CURVES = Fineness(56, 0.3, 0.1, 1600)
+# Where these do not do: most poles where the rim is most singular.
+AT_INWARD_CORNERS = Fineness(20, 0.25, re_entrant=3.6)
+MOST_POLES = 2000  # of a map; more take a minute
 FINE_DEFECT, COARSE_DEFECT = 1e-8, 1e-5
 # Of a defect in the least arc of an electrode, which narrow skins crowd on the disc: wanted, most.
 FINE_SHARE, COARSE_SHARE = 1e-5, 1e-4
@@ -640,7 +643,10 @@ def _poled_map(geometry: Geometry) -> DiscMap:
     """The map with poles. Raises ValueError where none fits the rim."""
     best, refusal = None, None
     assert geometry.outline is not None
-    for fineness in (*FINENESSES, *([BESIDE_CURVES] if geometry.outline.smooth else [])):
+    beside_curves = [BESIDE_CURVES] if geometry.outline.smooth else []
+    for fineness in (*FINENESSES, *beside_curves, AT_INWARD_CORNERS):
+        if fineness == AT_INWARD_CORNERS and best and best.defect < COARSE_SHARE * crowding:
+            return best
         mapped = _map_at(geometry, fineness)
         if isinstance(mapped, ValueError):
             refusal = mapped
@@ -673,6 +679,8 @@ def _map_at(geometry: Geometry, fineness: Fineness) -> DiscMap | ValueError:
             _maps.pop(next(iter(_maps)))
         try:
             poles = placed(sample, fineness)
+            if len(poles.place) > MOST_POLES:
+                raise ValueError(f"a map of {len(poles.place)} poles")
             _maps[key] = DiscMap(place, phi, poles, geometry.centre, COARSE_DEFECT)
         except ValueError as error:
             _maps[key] = error

@@ -56,17 +56,19 @@ class RimSample:
 @dataclass(frozen=True)
 class Fineness:
     """Poles at each corner; spacing of those beside the rim, over their distance from it; that
-    distance beside a curve, over the touching disc's radius; points of the rim, evenly."""
+    distance beside a curve, over the touching disc's radius; points of the rim, evenly; times as
+    many poles at a corner that points inwards."""
 
     corner: int
     spacing: float
     curved_share: float = CURVED_SHARE
     even_points: int = EVEN_POINTS
+    re_entrant: float = RE_ENTRANT
 
     @property
     def most_at_corner(self) -> int:
         """Poles at a corner that points inwards."""
-        return round(RE_ENTRANT * self.corner)
+        return round(self.re_entrant * self.corner)
 
 
 def placed(sample: RimSample, fineness: Fineness) -> Poles:
