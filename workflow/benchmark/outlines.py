@@ -28,7 +28,7 @@ from witness.outline_cases import (
     adjacent_channels,
     outline_case,
 )
-from witness.outline_skin import RimElectrode
+from witness.outline_skin import InnerElectrode, RimElectrode
 
 CSV = ROOT / "benchmarks" / "outlines.csv"
 SMOOTH_POINTS = 1000  # through which a curve of the witness is drawn
@@ -50,9 +50,6 @@ def case(name: str) -> OutlineCase:
 def geometry(skin: OutlineCase) -> Geometry:
     """The skin as the forward model takes it. Raises InputError for what it does not model."""
     definition, electrodes = skin.definition, skin.electrodes
-    on_rim = [e for e in electrodes if isinstance(e, RimElectrode)]
-    if len(on_rim) < len(electrodes):
-        raise InputError(skin.name, "electrodes", "some inside the skin", "all on the rim")
     if definition["kind"] == "polygon":
         rim = RimCurve(tuple(map(tuple, definition["corners_mm"])))
     else:
@@ -63,11 +60,23 @@ def geometry(skin: OutlineCase) -> Geometry:
         rim.perimeter_mm / (2.0 * np.pi),
         THICKNESS_MM,
         CONDUCTIVITY_S_PER_M,
-        360.0 * np.array([electrode.share for electrode in on_rim]),
-        np.array([electrode.width_mm for electrode in on_rim]),
-        np.array([electrode.impedivity_ohm_m2 for electrode in on_rim]),
+        np.array([360.0 * e.share if isinstance(e, RimElectrode) else 0.0 for e in electrodes]),
+        np.array([_width_mm(electrode) for electrode in electrodes]),
+        np.array([electrode.impedivity_ohm_m2 for electrode in electrodes]),
         outline=rim,
+        electrode_inside_mm=np.array([_place(electrode) for electrode in electrodes]),
     )
+
+
+def _width_mm(electrode: RimElectrode | InnerElectrode) -> float:
+    is_on_rim = isinstance(electrode, RimElectrode)
+    return electrode.width_mm if is_on_rim else 2.0 * electrode.radius_mm
+
+
+def _place(electrode: RimElectrode | InnerElectrode) -> complex:
+    """The place of an electrode inside, mm; NaN of one on the rim."""
+    is_on_rim = isinstance(electrode, RimElectrode)
+    return complex(np.nan) if is_on_rim else complex(electrode.x_mm, electrode.y_mm)
 
 
 def rows(name: str) -> list[dict]:

@@ -27,7 +27,7 @@ from scipy.special import erf, erfc, spherical_jn
 from eitskin.errors import InputError
 from eitskin.physics.bessel_ratios import cylinder_response
 from eitskin.physics.column_touch import ColumnTouch
-from eitskin.physics.electrodes import Electrodes
+from eitskin.physics.electrodes import Electrodes, OnRim
 from eitskin.physics.forward import Accuracy, Forward
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.touch import PanelSizes, Touch, TouchEdge, graded_panels
@@ -217,7 +217,7 @@ def _rung_below(length: float) -> float:
     return float(LADDER ** np.floor(np.log(length) / np.log(LADDER)))
 
 
-class BodyElectrodes:
+class BodyElectrodes(OnRim):
     """Electrodes of partial height, with the interface of Electrodes; order = across * up modes
     each.
 

@@ -11,6 +11,7 @@ of their own.
 import copy
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +24,35 @@ from eitskin.physics.geometry import Geometry, RimMotion
 from eitskin.physics.gradient import GradientBulk
 
 
-class Electrodes:
+class OnRim:
+    """What electrodes with nodes on the rim alone have in common."""
+
+    rim: np.ndarray
+
+    def project(self, potential: np.ndarray) -> np.ndarray:
+        """Projection on the modes of potentials at the nodes."""
+        raise NotImplementedError
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """(nodes,): the nodes in the unit disc, which are all on its rim."""
+        return self.rim
+
+    def flux_kernel(self, y: np.ndarray, dy: np.ndarray) -> np.ndarray:
+        """(nodes, N): `neumann.flux_kernel` from a curve's nodes y (N,) to the electrodes'."""
+        return neumann.rim_flux_kernel(self.rim, y, dy)
+
+    def coupling(self, touch: Any) -> np.ndarray:
+        """(..., size, 2 degree): projection on the modes of the potential that a touch's
+        polarisation makes; of a TouchEdge or EvenTouches."""
+        return self.project(touch.rim_response(self.rim))
+
+    def clearance(self, circles: Any) -> np.ndarray:
+        """(P,): distances of circles from electrodes inside the skin, of which there are none."""
+        return np.full(len(circles.radius), np.inf)
+
+
+class Electrodes(OnRim):
     """Nodes, modes and Galerkin matrix of a skin's n electrodes, which are m pieces: n off the
     rim's corners. `order` modes each (1 for points), fewer of a piece at a corner.
 

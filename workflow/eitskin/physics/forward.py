@@ -28,9 +28,10 @@ from eitskin.physics.electrodes import ElectrodeMotion, Electrodes
 from eitskin.physics.even_touches import even_touches
 from eitskin.physics.geometry import Geometry, RimMotion
 from eitskin.physics.gradient import GradientBulk
+from eitskin.physics.inner_electrodes import RimAndInnerElectrodes
 from eitskin.physics.poles import Fineness, RimSample, placed
 from eitskin.physics.rim_curve import inside
-from eitskin.physics.touch import EdgeMotion, Surroundings, Touch, TouchAccuracy, TouchEdge
+from eitskin.physics.touch import Circle, EdgeMotion, Surroundings, Touch, TouchAccuracy, TouchEdge
 from eitskin.physics.touch_cache import ContactCoupling, Place, TouchCache, TouchCoupling
 
 # Poles of an outline's conformal map, tried in turn until its defect is FINE_DEFECT.
@@ -72,9 +73,10 @@ class Accuracy:
     def modes(self, geometry: Geometry) -> int:
         """Modes of the current on one electrode. Raises InputError for contacts too good to be
         resolved."""
-        if geometry.points:
+        if geometry.points or not geometry.has_rim:
             return 1
-        relative_length = float((geometry.contact_length_mm / geometry.electrode_width_mm).min())
+        relative_lengths = geometry.contact_length_mm / geometry.electrode_width_mm
+        relative_length = float(relative_lengths[geometry.on_rim].min())
         if relative_length < BEST_CONTACT:
             actual = f"{relative_length:.1e} for z sigma / width"
             raise InputError(
@@ -204,7 +206,11 @@ class Forward:
                 actual, expected = f"{geometry.gradient_across:g}", "0 on a skin that is no disc"
                 raise InputError("skin", "gradient_across", actual, expected)
             self.bulk = GradientBulk(geometry, self.disc) if geometry.gradient_across else None
-            self.electrodes = Electrodes(geometry, self.disc, modes, self.bulk)
+            if geometry.electrode_inside_mm is None:
+                self.electrodes = Electrodes(geometry, self.disc, modes, self.bulk)
+            else:
+                touch_accuracy = self.accuracy.touch
+                self.electrodes = RimAndInnerElectrodes(geometry, self.disc, modes, touch_accuracy)
         if geometry.outline:
             self.touch_effort = OUTLINE_TOUCH_EFFORT
         self.sheet_resistance = geometry.sheet_resistance_ohm
@@ -273,9 +279,16 @@ class Forward:
     def edge(self, touch: Touch, touch_clearance: float = np.inf) -> TouchEdge:
         """The touch's edge and multipoles at this accuracy; touch_clearance: distance to the
         nearest other touch, in radii."""
-        surroundings = Surroundings(touch_clearance)
-        accuracy = self.accuracy.touch
+        clearance = min(touch_clearance, self.clearance(touch))
+        surroundings, accuracy = Surroundings(clearance), self.accuracy.touch
         return TouchEdge(touch, self.geometry, self.disc, accuracy, surroundings, self.bulk)
+
+    def clearance(self, touch: Touch) -> float:
+        """Distance of a touch from the nearest electrode inside the skin, in radii; infinite
+        without any. Raises InputError for a touch that meets one."""
+        centre, radius = complex(touch.x_mm, touch.y_mm), touch.radius_mm
+        circle = Circle(np.array([[centre]]), np.array([[radius]]), self.geometry, self.disc)
+        return float(self.electrodes.clearance(circle)[0])
 
     def place(self, x_mm: float, y_mm: float, radius_mm: float) -> TouchModes:
         """The modes of a touch at one place, for every contrast at once."""
@@ -324,9 +337,11 @@ class Forward:
         couplings: dict[Place, TouchCoupling] = {}
         if self.bulk:
             return couplings
-        accuracy, rim = self.accuracy.touch, self.electrodes.rim
-        for group, even_group in even_touches(places, self.geometry, self.disc, accuracy, len(rim)):
-            coupling = self.electrodes.project(even_group.rim_response(rim))
+        accuracy, electrodes = self.accuracy.touch, self.electrodes
+        for group, even_group in even_touches(
+            places, self.geometry, self.disc, accuracy, electrodes
+        ):
+            coupling = electrodes.coupling(even_group)
             arrays = zip(even_group.mass, even_group.self_response, coupling, strict=True)
             couplings.update(zip(group, starmap(TouchCoupling, arrays), strict=True))
         return couplings
@@ -384,7 +399,7 @@ class Forward:
             actual = "a gradient of the conductivity"
             raise InputError("skin", "leak at the touch", actual, "none")
         current = EvenCurrent(edge)
-        to_electrodes = self.electrodes.project(current.potential(self.electrodes.rim)[:, None])
+        to_electrodes = self.electrodes.project(current.potential(self.electrodes.nodes)[:, None])
         to_touch = current.mean_response(edge)
         return ContactCoupling(to_electrodes[:, 0], to_touch, current.power, current.inner_power)
 
@@ -411,7 +426,7 @@ class Forward:
         )
 
     def _to_electrodes(self, edge: TouchEdge) -> np.ndarray:
-        coupling = self.electrodes.project(edge.rim_response(self.electrodes.rim))
+        coupling = self.electrodes.coupling(edge)
         if self.bulk:
             coupling += self.electrodes.spread @ self.bulk.matrix @ edge.polar_spread.T
         return coupling
@@ -689,18 +704,21 @@ def _map_at(geometry: Geometry, fineness: Fineness) -> DiscMap | ValueError:
 
 def _least_arc(geometry: Geometry, disc: DiscMap) -> float:
     """Of all electrodes, the least angle that spans one on the disc, rad; of points, 1 mm."""
-    middle = np.radians(geometry.electrode_deg)
-    place = geometry.unfold(geometry.rim(middle))
+    place = geometry.unfold(geometry.electrode_place)
     width = 1.0 if geometry.points else geometry.electrode_width_mm
     arcs = np.abs(disc.derivatives(place, 1)[1]) * width
-    split = pieces(geometry)
+    if not geometry.has_rim:
+        return float(arcs.min())
+    inner_arcs, arcs = arcs[geometry.inner], arcs[geometry.on_rim]
+    geometry = geometry.rim_part
+    middle, split = np.radians(geometry.electrode_deg), pieces(geometry)
     round_corner = np.flatnonzero(np.bincount(split.electrode) > 1)
     if len(round_corner):
         half = geometry.electrode_width_mm[round_corner] / (2.0 * geometry.radius_mm)
         ends = middle[round_corner] + np.multiply.outer([1.0, -1.0], half)
         stop, start = disc(geometry.unfold(geometry.rim(ends)))
         arcs[round_corner] = np.angle(stop / start) % (2.0 * np.pi)
-    return float(arcs.min())
+    return float(min(arcs.min(), inner_arcs.min(initial=np.inf)))
 
 
 def _clearances(touches: list[Touch]) -> list[float]:

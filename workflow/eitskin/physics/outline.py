@@ -99,6 +99,21 @@ def laid_out(skin: Skin) -> Skin:
     )
 
 
+def inside_mm(skin: Skin) -> np.ndarray | None:
+    """(n,) complex, mm: places of the electrodes inside a skin, NaN of those on its rim; None where
+    there are none, and of a disc of unknown radius."""
+    if skin.electrode_xy_mm is None or skin.electrode_s is not None:
+        return None
+    place = _complex(np.array(skin.electrode_xy_mm))
+    if skin.rim is not None:
+        inside = skin.rim.contains(place) & (skin.rim.nearest(place)[1] > OFF_RIM_MM)
+    elif skin.radius_mm is not None:
+        inside = np.abs(place) < skin.radius_mm - OFF_RIM_MM
+    else:
+        return None
+    return np.where(inside, place, np.nan) if inside.any() else None
+
+
 def as_stated(skin: Skin) -> Skin:
     """A skin that is `laid_out` as its owner would state it: on an outline by `electrode_s`."""
     if skin.rim is None or skin.electrode_deg is None:
