@@ -5,7 +5,9 @@ import numpy as np
 from eitskin.effects.anisotropy import axis_text
 from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
 from eitskin.effects.identity import Identity, NamedEffect, OtherSide
+from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry
+from eitskin.physics.outline import is_plain_disc
 from eitskin.physics.skin import Skin
 from eitskin.quantities import number
 
@@ -15,7 +17,7 @@ WAVE = 0.5  # of the variance of electrodes' shifts, that a stretch has at least
 def stretched_gel(positions: NamedEffect) -> OtherSide | None:
     """Of electrodes each with its shift, most of it a wave A sin 2(phi - angle): one anisotropy,
     ln ratio = 2 A to first order, fitted on the full model."""
-    if positions.scope != "dense" or positions.skin.rim is not None:
+    if positions.scope != "dense" or not is_plain_disc(positions.skin):
         return None
     phi = np.radians(np.array(positions.skin.electrode_deg))
     shift = np.radians(positions.values["shift_deg"])
@@ -40,6 +42,7 @@ class ElectrodePosition(SkinEffect):
     name = "electrode-position"
     driver = "static"
     sites = ("electrodes",)
+    rim_only = True
     common = False  # that turns the skin, as the registration does
     parameters = {
         "shift_deg": Parameter("°", 0.0, -20.0, 20.0, scale=0.5, optional=True),
@@ -66,7 +69,11 @@ class ElectrodePosition(SkinEffect):
         return "measure where electrode {site} sits along the rim" if is_along_rim else self.mend
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
-        """The geometry with electrodes shifted."""
+        """The geometry with electrodes shifted. Raises InputError for one inside the skin."""
+        inside = np.intersect1d(setting.sites, geometry.inner)
+        if len(inside):
+            actual = f"electrode {inside[0]}, inside the skin"
+            raise InputError("effect electrode-position", "sites", actual, "electrodes on the rim")
         angle = geometry.electrode_deg.copy()
         shift_deg, shift_mm = (setting.values.get(key) for key in ("shift_deg", "shift_mm"))
         if shift_deg is not None:

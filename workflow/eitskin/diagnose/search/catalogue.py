@@ -11,6 +11,7 @@ from eitskin.diagnose.search.gates import COMPOSED, CONTACTS, FLOATING, MODELLED
 from eitskin.diagnose.search.journal import Journal
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import Effect
+from eitskin.physics.outline import rim_numbers
 from eitskin.physics.skin import Skin
 
 
@@ -61,7 +62,7 @@ def _is_sought(effect: Effect, conditions: Conditions, journal: Journal) -> bool
     for gate, holds in (
         (COMPOSED, not effect.composite),
         (CONTACTS, has_contacts),
-        (MODELLED, effect.on_outlines or skin.rim is None),
+        (MODELLED, effect.is_modelled(skin)),
         (STATED, effect.is_stated(skin, conditions.touched)),
         (TIMED, conditions.timed or effect.driver != "time"),
         (FLOATING, conditions.floating or not effect.last_resort),
@@ -82,12 +83,22 @@ def _sites(
     kinds = effect.sites[:1] if at_once > 1 else effect.sites
     for kind in kinds:
         if kind != "channels":
-            for sites in combinations(range(conditions.site_counts[kind]), at_once):
+            for sites in combinations(_numbers(effect, kind, conditions), at_once):
                 yield kind, sites, "sparse"
     if not effect.parameters or effect.site_number:
         return
     for kind in kinds:
-        everywhere = tuple(range(conditions.site_counts[kind]))
+        everywhere = _numbers(effect, kind, conditions)
+        if not everywhere:
+            continue
         yield kind, everywhere, "dense"
         if effect.common:
             yield kind, everywhere, "common"
+
+
+def _numbers(effect: Effect, kind: str, conditions: Conditions) -> tuple[int, ...]:
+    """The numbers of the sites of a kind at which an effect may be."""
+    count = conditions.site_counts[kind]
+    if kind == "electrodes" and effect.rim_only:
+        return tuple(rim_numbers(conditions.skin, count).tolist())
+    return tuple(range(count))
