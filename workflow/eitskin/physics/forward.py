@@ -682,10 +682,10 @@ def _map_at(geometry: Geometry, fineness: Fineness) -> DiscMap | ValueError:
         try:
             poles = placed(sample, fineness)
             if len(poles.place) > MOST_POLES:
-                raise ValueError(f"a map of {len(poles.place)} poles")
-            _maps[key] = _checked(
-                DiscMap(place, phi, poles, geometry.centre, COARSE_DEFECT), geometry
-            )
+                actual = f"it takes {len(poles.place)} poles"
+                raise ValueError(f"rim too rough for a conformal map: {actual}")
+            mapped = DiscMap(place, phi, poles, geometry.centre, COARSE_DEFECT)
+            _maps[key] = _checked(mapped, geometry)
         except ValueError as error:
             _maps[key] = error
     return _maps[key]
