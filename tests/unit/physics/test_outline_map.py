@@ -180,6 +180,13 @@ def test_a_strip_too_narrow_for_its_electrodes_is_refused_by_name():
         Forward(skin(strip, first=0.37))
 
 
+def test_a_slit_that_is_too_narrow_is_refused_by_name():
+    """Its map would be one on the points that it is fitted to, and nowhere between them."""
+    slit = ((0, 0), (100, 0), (100, 60), (52, 60), (50, 20), (48, 60), (0, 60))
+    with pytest.raises(InputError, match="too rough for a conformal map"):
+        Forward(skin(RimCurve(slit), n=6))
+
+
 def test_a_map_without_poles_is_that_of_a_disc():
     rim = 80.0 * np.exp(2j * np.pi * np.arange(256) / 256)
     assert len(DiscMap(rim).series.poles) == 0

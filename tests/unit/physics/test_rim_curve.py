@@ -1,5 +1,6 @@
 """Rims by their length: corners, smooth curves, motions along the normal, and what is no rim."""
 
+import pickle
 import subprocess
 import sys
 
@@ -72,6 +73,12 @@ def test_a_half_disc_has_its_area_length_and_two_corners(first):
     np.testing.assert_array_equal(rim.is_bent(PHI), ~flat)
     away = np.abs(np.abs(rim.place(PHI)) - 60.0)
     assert away[~flat].max() < 1e-7
+
+
+def test_a_rim_goes_to_other_processes():
+    rim = half_disc()
+    again = pickle.loads(pickle.dumps((rim.perimeter_mm, rim)))[1]
+    np.testing.assert_array_equal(again.place(PHI), rim.place(PHI))
 
 
 def test_a_drop_has_one_corner():

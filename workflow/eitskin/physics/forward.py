@@ -42,6 +42,8 @@ BESIDE_CURVES = Fineness(56, 0.3, 0.1, 1600)
 AT_INWARD_CORNERS = Fineness(20, 0.25, re_entrant=3.6)
 MOST_POLES = 2000  # of a map; more take a minute
 FINE_DEFECT, COARSE_DEFECT = 1e-8, 1e-5
+# Times a map's defect, or that of rounding, that it may have between the points it is fitted to.
+BETWEEN_SHARE, ROUNDING_DEFECT = 10.0, 1e-11
 # Of a defect in the least arc of an electrode, which narrow skins crowd on the disc: wanted, most.
 FINE_SHARE, COARSE_SHARE = 1e-5, 1e-4
 OUTLINE_EFFORT, OUTLINE_TOUCH_EFFORT = 5.0, 0.6  # of a new map with poles, of a place on it
@@ -656,7 +658,7 @@ def disc_map(geometry: Geometry) -> DiscMap:
 
 def _poled_map(geometry: Geometry) -> DiscMap:
     """The map with poles. Raises ValueError where none fits the rim."""
-    best, refusal = None, None
+    best, refusal, crowding = None, None, 0.0
     assert geometry.outline is not None
     beside_curves = [BESIDE_CURVES] if geometry.outline.smooth else []
     for fineness in (*FINENESSES, *beside_curves, AT_INWARD_CORNERS):
@@ -695,11 +697,27 @@ def _map_at(geometry: Geometry, fineness: Fineness) -> DiscMap | ValueError:
         try:
             poles = placed(sample, fineness)
             if len(poles.place) > MOST_POLES:
-                raise ValueError(f"a map of {len(poles.place)} poles")
-            _maps[key] = DiscMap(place, phi, poles, geometry.centre, COARSE_DEFECT)
+                actual = f"it takes {len(poles.place)} poles"
+                raise ValueError(f"rim too rough for a conformal map: {actual}")
+            mapped = DiscMap(place, phi, poles, geometry.centre, COARSE_DEFECT)
+            _maps[key] = _checked(mapped, geometry)
         except ValueError as error:
             _maps[key] = error
     return _maps[key]
+
+
+def _checked(mapped: DiscMap, geometry: Geometry) -> DiscMap:
+    """The map unchanged. Raises ValueError where it is one on its points of the rim alone."""
+    phi = mapped.phi
+    assert phi is not None
+    middle = phi + 0.5 * ((np.roll(phi, -1) - phi) % (2.0 * np.pi))
+    with np.errstate(over="ignore", invalid="ignore"):
+        size = np.abs(mapped(geometry.unfold(geometry.rim(middle))))
+    between = float(np.abs(size - 1.0).max())
+    if not between <= BETWEEN_SHARE * max(mapped.defect, ROUNDING_DEFECT):
+        actual = f"| |f| - 1 | = {between:.1e} between its points"
+        raise ValueError(f"rim too rough for a conformal map: {actual}")
+    return mapped
 
 
 def _least_arc(geometry: Geometry, disc: DiscMap) -> float:

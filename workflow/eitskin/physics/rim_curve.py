@@ -4,7 +4,6 @@ Angles phi run from 0 to 2 pi with the length from the first corner, counter-clo
 angle means the same on a disc and on any other rim: a share of its length.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
@@ -340,20 +339,35 @@ class RimCurve:
 class _DrawnSide(NamedTuple):
     """A side of a drawn rim between two corners.
 
-    place: complex, mm, or a derivative of an order <= 3, by the length from its start in mm; bent:
-    whether it is no straight line; reached_mm: the lengths at its points; dense: points from its
-    start on, and steps along it that each stands for.
+    start: its first point, span: from there to its last; curve: splines of (x, y) by length and
+    their derivatives, none of a straight side; reached_mm: the lengths at its points; dense: points
+    from its start on, and steps along it that each stands for.
     """
 
-    place: Callable[[np.ndarray | float, int], np.ndarray]
-    bent: bool
+    start: complex
+    span: complex
+    curve: "tuple[BSpline, ...]"
     reached_mm: np.ndarray
     dense: tuple[np.ndarray, np.ndarray]
+
+    @property
+    def bent(self) -> bool:
+        """Whether it is no straight line."""
+        return bool(self.curve)
 
     @property
     def length_mm(self) -> float:
         """Its length."""
         return float(self.reached_mm[-1])
+
+    def place(self, along_mm: np.ndarray | float, order: int) -> np.ndarray:
+        """Complex, mm, at lengths from the start, or the derivative of an order <= 3."""
+        if self.bent:
+            return _complex(self.curve[order](along_mm))
+        along, direction = np.asarray(along_mm), self.span / abs(self.span)
+        if order == 0:
+            return np.asarray(self.start + along * direction)
+        return np.full(along.shape, direction if order == 1 else 0.0)
 
 
 def _drawn_side(points: np.ndarray, samples: float) -> _DrawnSide:
@@ -362,19 +376,7 @@ def _drawn_side(points: np.ndarray, samples: float) -> _DrawnSide:
     span = points[-1] - points[0]
     off = np.abs((np.conj(span) * (points - points[0])).imag)
     if off.max() < STRAIGHT * abs(span) ** 2:
-        direction = span / abs(span)
-
-        def straight(along: np.ndarray | float, order: int) -> np.ndarray:
-            along = np.asarray(along)
-            if order == 0:
-                return points[0] + along * direction
-            return np.full(along.shape, direction if order == 1 else 0.0)
-
-        return _DrawnSide(straight, False, chord, (points[:1], np.array([span])))
-    return _bent_side(chord, points, samples)
-
-
-def _bent_side(chord: np.ndarray, points: np.ndarray, samples: float) -> _DrawnSide:
+        return _DrawnSide(points[0], span, (), chord, (points[:1], np.array([span])))
     from scipy.interpolate import make_interp_spline
 
     parts = len(points) - 1
@@ -389,15 +391,13 @@ def _bent_side(chord: np.ndarray, points: np.ndarray, samples: float) -> _DrawnS
     length = np.append(0.0, np.cumsum(np.abs(step).sum(axis=1)))
     even = np.linspace(0.0, length[-1], len(length))
     curve = make_interp_spline(even, spline(make_interp_spline(length, u, k=5)(even)), k=5)
-    derivatives = [curve, *(curve.derivative(k) for k in (1, 2, 3))]
+    place = np.append(points[0], _complex(spline(inner)).ravel())
     return _DrawnSide(
-        lambda along, order: _complex(derivatives[order](along)),
-        True,
+        points[0],
+        span,
+        (curve, *(curve.derivative(k) for k in (1, 2, 3))),
         length[::count],
-        (
-            np.append(points[0], _complex(spline(inner)).ravel()),
-            np.append(0.0, step.ravel()),
-        ),
+        (place, np.append(0.0, step.ravel())),
     )
 
 
