@@ -1,11 +1,11 @@
 """Electrodes inside a skin that a touch covers.
 
-Within a touch of factor 1 + c the current of an electrode also drives the potential that vanishes on
-the touch's edge, G j with the Dirichlet function G of the touch's disc: a power of <j, G j> / (1 +
-c), on a skin without the touch <j, G j>. So the touch takes c / (1 + c) <j, G j>, as a polarisation
-of pole 1. The density then follows another law than I_m(r / lambda): it may change by densities
-without a moment, differences of I_m(r / lambda_k) of the same moment, which act on nothing outside
-the electrode, so that they relax by themselves, and lower the poles.
+Within a touch of factor 1 + c the current of an electrode also drives the potential that vanishes
+on the touch's edge, G j with the Dirichlet function G of the touch's disc: a power of <j, G j> / (1
++ c), on a skin without the touch <j, G j>. So the touch takes c / (1 + c) <j, G j>, as a
+polarisation of pole 1. The density then follows another law than I_m(r / lambda): it may change by
+densities without a moment, differences of I_m(r / lambda_k) of the same moment, which act on
+nothing outside the electrode, so that they relax by themselves, and lower the poles.
 """
 
 from dataclasses import dataclass
@@ -32,19 +32,21 @@ class CoveredElectrodes:
 
 
 def covered_electrodes(
-    inner: InnerElectrodes, layer_mm: np.ndarray, covered: np.ndarray, centre: complex, radius: float
+    inner: InnerElectrodes,
+    layer_mm: np.ndarray,
+    covered: np.ndarray,
+    centre: complex,
+    radius: float,
 ) -> CoveredElectrodes:
     """The polarisations in a touch, centre and radius in mm, that covers the electrodes of the
     mask `covered` (count,); layer_mm (count,): lambda of every electrode."""
     numbers = np.flatnonzero(covered)
+    scaled = (inner.place[numbers].ravel() - centre) / radius
+    if inner.geometry.points:
+        return _covered_points(inner, numbers, scaled)
     blocks = [_radial(inner.radius[i], layer_mm[i], inner.orders, radius) for i in numbers]
     free, extra, drive, relaxed = (block_diag(*part) for part in zip(*blocks, strict=True))
-    scaled = (inner.place[numbers].ravel() - centre) / radius
-    mirrored = np.log(np.abs(1.0 - scaled[:, None] * scaled.conj()))
-    nodes = inner.place.shape[1]
-    same_electrode = np.kron(np.eye(len(numbers), dtype=bool), np.ones((nodes, nodes), bool))
-    apart = np.where(same_electrode, 1.0, np.abs(scaled[:, None] - scaled))
-    kernel = (mirrored - np.log(apart)) / (2.0 * np.pi)
+    kernel = _dirichlet(scaled, inner.place.shape[1])
     modes = block_diag(*[inner.modes] * len(numbers))
     power = np.block([[free + modes @ kernel @ modes.T, drive], [drive.T, extra]])
     weight, vectors = np.linalg.eigh(0.5 * (power + power.T))
@@ -61,6 +63,28 @@ def covered_electrodes(
     return CoveredElectrodes(response, coupling.reshape(inner.size, -1))
 
 
+def _dirichlet(scaled: np.ndarray, nodes: int) -> np.ndarray:
+    """(N, N): the Dirichlet function of the unit disc between places on it, of `nodes` nodes an
+    electrode; without its logarithm within one."""
+    count = len(scaled) // nodes
+    same_electrode = np.kron(np.eye(count, dtype=bool), np.ones((nodes, nodes), bool))
+    apart = np.where(same_electrode, 1.0, np.abs(scaled[:, None] - scaled))
+    mirrored = np.log(np.abs(1.0 - scaled[:, None] * scaled.conj()))
+    return (mirrored - np.log(apart)) / (2.0 * np.pi)
+
+
+def _covered_points(
+    inner: InnerElectrodes, numbers: np.ndarray, scaled: np.ndarray
+) -> CoveredElectrodes:
+    """Of points, whose own power is infinite: any will do that is large enough, as their own
+    potential is never read."""
+    power = _dirichlet(scaled, 1)
+    np.fill_diagonal(power, 1.0 + np.abs(power).sum(axis=1))
+    coupling = np.zeros((inner.size, len(numbers)))
+    coupling[numbers] = np.linalg.cholesky(power)
+    return CoveredElectrodes(np.eye(len(numbers)), coupling)
+
+
 def _radial(
     rho: float, layer: float, orders: int, radius: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -70,7 +94,7 @@ def _radial(
     lengths = layer * np.array(LENGTHS)
     order = np.arange(orders + 1)[:, None]
     step = inner_steps(orders, rho / lengths)
-    power = (np.where(order, 0.5 / np.maximum(order, 1), np.log(radius / rho)) + 1.0 / step) / np.pi
+    power = (0.5 / np.maximum(order, 1) + 1.0 / step) / np.pi
     power[0] = (np.log(radius / rho) + 1.0 / step[0]) / (2.0 * np.pi)
     overlap = _overlap(rho, lengths, orders)
     mutual = power[:, None, :] - lengths**2 * overlap

@@ -9,6 +9,7 @@ of their own.
 """
 
 import copy
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -46,6 +47,10 @@ class OnRim:
         """(..., size, 2 degree): projection on the modes of the potential that a touch's
         polarisation makes; of a TouchEdge or EvenTouches."""
         return self.project(touch.rim_response(self.rim))
+
+    def covers(self, places: Sequence[Any]) -> np.ndarray:
+        """(P,) bool: whether touches at places have electrodes inside the skin within: none."""
+        return np.zeros(len(places), bool)
 
     def clearance(self, circles: Any) -> np.ndarray:
         """(P,): distances of circles from electrodes inside the skin, of which there are none."""

@@ -20,6 +20,7 @@ from scipy.linalg import block_diag, cho_factor, cho_solve, solve_triangular
 
 from eitskin import cores
 from eitskin.errors import InputError
+from eitskin.physics.all_electrodes import RimAndInnerElectrodes
 from eitskin.physics.arrays import as_in, library
 from eitskin.physics.conformal import DiscMap
 from eitskin.physics.contact_current import EvenCurrent
@@ -28,7 +29,6 @@ from eitskin.physics.electrodes import ElectrodeMotion, Electrodes
 from eitskin.physics.even_touches import even_touches
 from eitskin.physics.geometry import Geometry, RimMotion
 from eitskin.physics.gradient import GradientBulk
-from eitskin.physics.inner_electrodes import RimAndInnerElectrodes
 from eitskin.physics.poles import Fineness, RimSample, placed
 from eitskin.physics.rim_curve import inside
 from eitskin.physics.touch import Circle, EdgeMotion, Surroundings, Touch, TouchAccuracy, TouchEdge
@@ -339,6 +339,8 @@ class Forward:
         couplings: dict[Place, TouchCoupling] = {}
         if self.bulk:
             return couplings
+        covers = self.electrodes.covers(places)
+        places = [place for place, is_cover in zip(places, covers, strict=True) if not is_cover]
         accuracy, electrodes = self.accuracy.touch, self.electrodes
         for group, even_group in even_touches(
             places, self.geometry, self.disc, accuracy, electrodes
@@ -351,7 +353,10 @@ class Forward:
     def _place_modes(
         self, places: list[Place], couplings: dict[Place, TouchCoupling]
     ) -> list[TouchModes]:
-        touches = [self._coupling(place, computed=couplings.get(place)) for place in places]
+        touches = [
+            self._with_covered(place, self._coupling(place, computed=couplings.get(place)))
+            for place in places
+        ]
         by_size: dict[int, list[int]] = {}
         for i, touch in enumerate(touches):
             by_size.setdefault(len(touch.mass), []).append(i)
@@ -375,6 +380,9 @@ class Forward:
         skin.
         """
         place = x_mm, y_mm, radius_mm
+        if self.electrodes.covers([place])[0]:
+            place_text = f"({x_mm:g}, {y_mm:g}) mm, over an electrode inside the skin"
+            raise InputError("touch", "leak at the touch", place_text, "a touch beside it")
         edge = cache(lambda: self.edge(Touch(*place)))
         touch = self._coupling(place, edge)
         current = self._touch_cache.get(ContactCoupling, place, lambda: self._even_current(edge()))
@@ -425,6 +433,18 @@ class Forward:
             touch_edge.mass,
             self._mutual_response(touch_edge, touch_edge),
             self._to_electrodes(touch_edge),
+        )
+
+    def _with_covered(self, place: Place, touch: TouchCoupling) -> TouchCoupling:
+        """The coupling of a touch with what it does to electrodes inside that it covers, which
+        depends on their contacts."""
+        if not self.electrodes.covers([place])[0]:
+            return touch
+        covered = self.electrodes.covered(place)
+        return TouchCoupling(
+            block_diag(touch.mass, np.eye(len(covered.response))),
+            block_diag(touch.response, covered.response),
+            np.hstack([touch.coupling, covered.coupling]),
         )
 
     def _to_electrodes(self, edge: TouchEdge) -> np.ndarray:
@@ -482,19 +502,30 @@ class Forward:
         currents = self.unit_currents()
         if not edges:
             return self._relative, currents, [], []
-        coupling = np.hstack([self._to_electrodes(edge) for edge in edges])
+        places = [(touch.x_mm, touch.y_mm, touch.radius_mm) for touch in touches]
+        covered = {
+            touch: self.electrodes.covered(place)
+            for touch, place in zip(touches, places, strict=True)
+            if self.electrodes.covers([place])[0]
+        }
+        to_electrodes = [self._to_electrodes(edge) for edge in edges]
+        coupling = np.hstack([*to_electrodes, *(part.coupling for part in covered.values())])
         gains = coupling[self._whole] + self._inner_currents.T @ coupling[self._inner]
         system = np.block([[self._mutual_response(a, b) for b in edges] for a in edges])
         system += block_diag(
             *(edge.mass / touch.contrast for edge, touch in zip(edges, touches, strict=True))
         )
+        for touch, part in covered.items():
+            mass = np.eye(len(part.response))
+            system = block_diag(system, part.response + mass / touch.contrast)
         relaxed = np.zeros((0, coupling.shape[1]))
         if len(self._inner):
             relaxed = cho_solve(self._inner_factor, coupling[self._inner])
             system = system - coupling[self._inner].T @ relaxed
         multipoles = -np.linalg.solve(system, gains.T)
         currents[self._inner] -= relaxed @ multipoles
-        split = np.split(multipoles, np.cumsum([len(edge.mass) for edge in edges])[:-1])
+        ends = np.cumsum([len(edge.mass) for edge in edges])
+        split = np.split(multipoles, ends)[: len(edges)]
         change = gains @ multipoles
         return self._relative + 0.5 * (change + change.T), currents, edges, split
 

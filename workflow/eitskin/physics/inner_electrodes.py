@@ -9,20 +9,16 @@ form: A_0 = -ln rho / 2 pi + I_0 / (2 pi x I_1) and A_m = 1 / (2 pi m) + I_m / (
 x = rho / lambda.
 """
 
-import copy
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from eitskin.errors import InputError
 from eitskin.physics import neumann
 from eitskin.physics.bessel_ratios import inner_steps
 from eitskin.physics.conformal import DiscMap
-from eitskin.physics.electrodes import Electrodes
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.rim_curve import distance
-from eitskin.physics.touch import Circle, TouchAccuracy
+from eitskin.physics.touch import TouchAccuracy
 
 NEAREST = 1.0  # radii from an electrode, within which it resolves no touch fully
 MOST_ORDERS = 48
@@ -84,8 +80,7 @@ class InnerElectrodes:
         power = np.full((self.count, len(self.modes)), np.nan)
         if geometry.points:
             return power.ravel()
-        length2 = geometry.contact_length_mm[self.numbers] * geometry.thickness_mm
-        steps = inner_steps(self.orders, self.radius / np.sqrt(length2)).T
+        steps = inner_steps(self.orders, self.radius / self.layer_mm(geometry)).T
         power[:, 0] = (1.0 / steps[:, 0] - np.log(self.radius)) / (2.0 * np.pi)
         order = np.arange(1, self.orders + 1)
         power[:, 1:] = np.tile((0.5 / order + 1.0 / steps[:, 1:]) / np.pi, 2)
@@ -97,100 +92,15 @@ class InnerElectrodes:
         per = potential.reshape(*stack, *self.place.shape, k)
         return (self.modes @ per).reshape(*stack, self.size, k)
 
+    def layer_mm(self, geometry: Geometry) -> np.ndarray:
+        """(count,): lambda of every electrode, with the contacts and the material of a geometry."""
+        return np.sqrt(geometry.contact_length_mm[self.numbers] * geometry.thickness_mm)
+
+    def covered(self, centre: np.ndarray, radius: np.ndarray) -> np.ndarray:
+        """(P, count) bool: whether circles (P,), in mm, have the electrodes within."""
+        return np.abs(centre[:, None] - self.centre) + self.radius < radius[:, None]
+
     def gaps(self, centre: np.ndarray, radius: np.ndarray) -> np.ndarray:
-        """(P, count): distances in mm of circles (P,) from the electrodes' edges; negative where
-        they overlap, by how much."""
-        return np.abs(centre[:, None] - self.centre) - radius[:, None] - self.radius
-
-
-class RimAndInnerElectrodes:
-    """All electrodes of a skin with some, or all, of them inside, with the interface of Electrodes.
-
-    Nodes and modes are those on the rim, then those inside; whole (n,): the modes of the
-    electrodes' whole currents.
-    """
-
-    def __init__(self, geometry: Geometry, disc: DiscMap, order: int, accuracy: TouchAccuracy):
-        self.geometry, self.disc, self.order = geometry, disc, order
-        self.accuracy = accuracy
-        self.n = len(geometry.electrode_deg)
-        self.on_rim = Electrodes(geometry.rim_part, disc, order) if geometry.has_rim else None
-        self.inner = InnerElectrodes(geometry, disc, accuracy)
-        self.rim = self.on_rim.rim if self.on_rim else np.zeros(0, complex)
-        self.nodes = np.concatenate([self.rim, self.inner.nodes])
-        rim_size = self.on_rim.size if self.on_rim else 0
-        self.size = rim_size + self.inner.size
-        self.whole = np.zeros(self.n, int)
-        if self.on_rim:
-            self.whole[geometry.on_rim] = self.on_rim.whole
-        inner_whole = len(self.inner.modes) * np.arange(self.inner.count)
-        self.whole[self.inner.numbers] = rim_size + inner_whole
-
-    @cached_property
-    def interaction(self) -> np.ndarray:
-        """(size, size): `matrix` without the contacts' drop, and without what an electrode inside
-        takes by itself."""
-        inner = self.inner.interaction
-        if not self.on_rim:
-            return inner
-        kernel = neumann.potential(self.rim[:, None], self.inner.nodes)
-        across = self.on_rim.project(self.inner.project(kernel.T).T)
-        return np.block([[self.on_rim.interaction, across], [across.T, inner]])
-
-    @cached_property
-    def matrix(self) -> np.ndarray:
-        """(size, size): power of the modes' currents."""
-        matrix = self.interaction.copy()
-        rim_size = self.size - self.inner.size
-        if self.on_rim:
-            matrix[:rim_size, :rim_size] = self.on_rim.matrix
-        index = np.arange(rim_size, self.size)
-        matrix[index, index] += self.inner.self_power(self.geometry)
-        return matrix
-
-    def with_contacts(self, geometry: Geometry) -> "RimAndInnerElectrodes":
-        """The same electrodes on a geometry of the same outline, with other contacts or
-        material."""
-        electrodes = copy.copy(self)
-        electrodes.geometry = geometry
-        if self.on_rim:
-            electrodes.on_rim = self.on_rim.with_contacts(geometry.rim_part)
-        electrodes.__dict__.pop("matrix", None)
-        return electrodes
-
-    def on(self, geometry: Geometry) -> "RimAndInnerElectrodes":
-        """The electrodes of a slightly different geometry with the same rim, by the same modes."""
-        return RimAndInnerElectrodes(geometry, self.disc, self.order, self.accuracy)
-
-    def project(self, potential: np.ndarray) -> np.ndarray:
-        """(..., size, k): projection on the modes of potentials at the nodes (..., nodes, k)."""
-        rim_nodes = len(self.rim)
-        inner = self.inner.project(potential[..., rim_nodes:, :])
-        if not self.on_rim:
-            return inner
-        return np.concatenate([self.on_rim.project(potential[..., :rim_nodes, :]), inner], axis=-2)
-
-    def flux_kernel(self, y: np.ndarray, dy: np.ndarray) -> np.ndarray:
-        """(nodes, N): `neumann.flux_kernel` from a curve's nodes y (N,) to the electrodes'."""
-        on_rim = neumann.rim_flux_kernel(self.rim, y, dy)
-        return np.concatenate([on_rim, neumann.flux_kernel(self.inner.nodes[:, None], y, dy)])
-
-    def coupling(self, touch: Any) -> np.ndarray:
-        """(..., size, 2 degree): projection on the modes of the potential that a touch's
-        polarisation makes; of a TouchEdge or EvenTouches."""
-        inner = self.inner.project(touch.response_within(self.inner.nodes))
-        if not self.on_rim:
-            return inner
-        return np.concatenate([self.on_rim.project(touch.rim_response(self.rim)), inner], axis=-2)
-
-    def clearance(self, circles: Circle) -> np.ndarray:
-        """(P,): distances of circles, centre and radius (P, 1), from the electrodes inside, in
-        their radii. Raises InputError for a circle that meets one."""
-        centre, radius = circles.centre[:, 0], circles.radius[:, 0]
-        gaps = self.inner.gaps(centre, radius)
-        for circle, electrode in np.argwhere(gaps <= 0.0)[:1].tolist():
-            place = f"({centre[circle].real:g}, {centre[circle].imag:g}) mm"
-            number = self.inner.numbers[electrode]
-            actual = f"{place}, radius {radius[circle]:g} mm, over electrode {number}"
-            raise InputError("touch", "place", actual, "a disc off the electrodes inside the skin")
-        return gaps.min(axis=1) / radius
+        """(P, count): distances in mm of circles (P,) from the electrodes' edges; below 0 where
+        they cross."""
+        return np.abs(np.abs(centre[:, None] - self.centre) - radius[:, None]) - self.radius

@@ -19,11 +19,13 @@ DISCS = ("circle", "circular", "disc", "disk", "round")
 # Largest deviation of a rim from a circle, and of an electrode from the rim, over the mean radius.
 CIRCLE_TOLERANCE = 0.1
 OFF_RIM_MM = 1.0  # of an electrode; one that is nearer to the rim of known size is put there
+TOUCH_ROOM_MM = 0.5  # of a touch's edge from that of an electrode inside, in a diagnosis
 SIDE_POINTS = 100  # points of each side at which its distance from the centre is evaluated
 SQUARE_DEG = 3.0  # largest deviation of a rectangle's corners from a right angle
 EXPECTED = (
-    'a disc, or skin.outline as {"shape": …} or {"corners_mm": …}, with its electrodes on the rim or '
-    "inside; without a simulation, `eitskin check` and `eitskin compare CONTROL LATER` work all the same"
+    'a disc, or skin.outline as {"shape": …} or {"corners_mm": …}, with its electrodes on the rim '
+    "or inside; without a simulation, `eitskin check` and `eitskin compare CONTROL LATER` work all "
+    "the same"
 )
 
 
@@ -129,6 +131,24 @@ def inside_mm(skin: Skin) -> np.ndarray | None:
     else:
         return None
     return np.where(inside, place, np.nan) if inside.any() else None
+
+
+def is_touchable(skin: Skin, centre: np.ndarray, radius_mm: np.ndarray) -> np.ndarray:
+    """(N,) bool: whether touches, complex centres and radii (N,) in mm, stay TOUCH_ROOM_MM off the
+    edges of the electrodes inside a skin, and cover none where the rim cuts them."""
+    inner = inside_mm(skin)
+    if inner is None:
+        return np.ones(len(centre), bool)
+    offset = np.abs(centre[:, None] - inner[~np.isnan(inner)])
+    half = 0.5 * (skin.electrode_width_mm or 0.0)
+    crosses = np.abs(offset - radius_mm[:, None]) < half + TOUCH_ROOM_MM
+    if skin.rim is not None:
+        depth = skin.rim.depth(centre)
+    else:
+        assert skin.radius_mm is not None
+        depth = skin.radius_mm - np.abs(centre)
+    covers = (offset < radius_mm[:, None]).any(axis=1)
+    return ~crosses.any(axis=1) & ~(covers & (depth < radius_mm))
 
 
 def rim_numbers(skin: Skin, n_electrodes: int) -> np.ndarray:

@@ -401,6 +401,9 @@ class PatchForward(Forward):
         """The touch's multipoles in the patched skin. Raises InputError for several touches."""
         if np.isfinite(touch_clearance):
             raise InputError("touch", "touches", "several on a patched skin", "one")
+        if self.electrodes.covers([(touch.x_mm, touch.y_mm, touch.radius_mm)])[0]:
+            place = f"({touch.x_mm:g}, {touch.y_mm:g}) mm, over an electrode inside the skin"
+            raise InputError("touch", "place", place, "one beside it, on a patched skin")
         offset = abs(touch.x_mm + 1j * touch.y_mm - self.patch.centre)
         if offset + abs(touch.radius_mm - self.patch.radius) < SAME_CIRCLE * self.patch.radius:
             return PatchedTouch.covering_patch(touch, self.patch, self)

@@ -38,8 +38,8 @@ class Sheets:
     """Sheets of as many electrodes each, ready to be touched.
 
     device: None for NumPy; else a device of PyTorch, as "cpu" or "cuda", on which results lie, too.
-    Raises InputError for a body, an outline, electrodes inside, a patch, a gradient, point electrodes, and
-    numbers of electrodes that differ.
+    Raises InputError for a body, an outline, electrodes inside, a patch, a gradient, point
+    electrodes, and numbers of electrodes that differ.
     """
 
     def __init__(
