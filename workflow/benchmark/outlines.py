@@ -69,20 +69,22 @@ def geometry(skin: OutlineCase) -> Geometry:
 
 
 def _width_mm(electrode: RimElectrode | InnerElectrode) -> float:
-    is_on_rim = isinstance(electrode, RimElectrode)
-    return electrode.width_mm if is_on_rim else 2.0 * electrode.radius_mm
+    if isinstance(electrode, RimElectrode):
+        return electrode.width_mm
+    return 2.0 * electrode.radius_mm
 
 
 def _place(electrode: RimElectrode | InnerElectrode) -> complex:
     """The place of an electrode inside, mm; NaN of one on the rim."""
-    is_on_rim = isinstance(electrode, RimElectrode)
-    return complex(np.nan) if is_on_rim else complex(electrode.x_mm, electrode.y_mm)
+    if isinstance(electrode, RimElectrode):
+        return complex(np.nan)
+    return complex(electrode.x_mm, electrode.y_mm)
 
 
 def rows(name: str) -> list[dict]:
     """One row for each named accuracy: RMS error untouched over the median |v|, the largest
     relative error of a touch's change on the skin and of one cut by the rim, the witness' own
-    error, and processor seconds; or what refuses the outline."""
+    error, processor seconds and a touch that is refused; or what refuses the outline."""
     stated, channels = case(name), adjacent_channels()
     try:
         skin = geometry(stated)
@@ -97,22 +99,27 @@ def rows(name: str) -> list[dict]:
     table = []
     for accuracy, forward in solved.items():
         difference = forward.voltages(channels) - untouched
-        touched = []
-        for touch, true in zip(stated.touches, changes, strict=True):
-            modes = forward.place(touch.x_mm, touch.y_mm, touch.radius_mm)
+        touched, refused = np.full(len(changes), np.nan), None
+        for number, (touch, true) in enumerate(zip(stated.touches, changes, strict=True)):
+            try:
+                modes = forward.place(touch.x_mm, touch.y_mm, touch.radius_mm)
+            except InputError as error:
+                refused = f"a touch: {error.actual}"
+                continue
             change = modes.channel_change(channels, [touch.contrast])[0]
-            touched.append(np.linalg.norm(change - true) / np.linalg.norm(true))
+            touched[number] = np.linalg.norm(change - true) / np.linalg.norm(true)
         table.append(
             {
                 "outline": name,
                 "accuracy": accuracy,
                 "rms_error_of_median_v": np.sqrt(np.mean(difference**2))
                 / np.median(np.abs(untouched)),
-                "touch_error": max(touched[:2]),
-                "cut_touch_error": max(touched[2:]),
+                "touch_error": np.nanmax(touched[:2]),
+                "cut_touch_error": np.nanmax(touched[2:]),
                 "witness_error": witness_untouched,
                 "witness_touch_error": np.max(witness_touched),
                 "seconds": seconds,
+                "refused": refused,
             }
         )
     return table

@@ -90,8 +90,8 @@ def test_the_browser_opens_only_where_asked(folder, monkeypatch):
         ("thickness_mm: 2", "skin.yaml: radius_mm: found nothing, expected radius_mm, or outline"),
         ("radius: 2", "skin.yaml: radius: found an unknown key"),
         (
-            "outline: {shape: rectangle, width_mm: 9, height_mm: 9}\nelectrode_xy_mm: [[0, 0]]",
-            "skin.yaml: skin.electrode_xy_mm: found electrode 0 4.5 mm off the rim",
+            "outline: {shape: rectangle, width_mm: 9, height_mm: 9}\nelectrode_xy_mm: [[7, 0]]",
+            "skin.yaml: skin.electrode_xy_mm: found electrode 0 2.5 mm beyond the rim",
         ),
         ("outline: a glove", "skin.yaml: skin.outline: found a glove"),
     ],

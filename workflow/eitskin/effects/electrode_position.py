@@ -70,6 +70,7 @@ class ElectrodePosition(SkinEffect):
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry with electrodes shifted. Raises InputError for one inside the skin."""
+        assert setting.sites is not None
         inside = np.intersect1d(setting.sites, geometry.inner)
         if len(inside):
             actual = f"electrode {inside[0]}, inside the skin"

@@ -26,12 +26,20 @@ class RimAndInnerElectrodes:
     electrodes' whole currents.
     """
 
-    def __init__(self, geometry: Geometry, disc: DiscMap, order: int, accuracy: TouchAccuracy):
+    def __init__(
+        self,
+        geometry: Geometry,
+        disc: DiscMap,
+        order: int,
+        accuracy: TouchAccuracy,
+        inner_orders: int | None = None,
+    ):
+        """`inner_orders`: angular orders of the electrodes inside, by default those needed."""
         self.geometry, self.disc, self.order = geometry, disc, order
         self.accuracy = accuracy
         self.n = len(geometry.electrode_deg)
         self.on_rim = Electrodes(geometry.rim_part, disc, order) if geometry.has_rim else None
-        self.inner = InnerElectrodes(geometry, disc, accuracy)
+        self.inner = InnerElectrodes(geometry, disc, accuracy, inner_orders)
         self.rim = self.on_rim.rim if self.on_rim else np.zeros(0, complex)
         self.nodes = np.concatenate([self.rim, self.inner.nodes])
         rim_size = self.on_rim.size if self.on_rim else 0
@@ -76,7 +84,8 @@ class RimAndInnerElectrodes:
 
     def on(self, geometry: Geometry) -> "RimAndInnerElectrodes":
         """The electrodes of a slightly different geometry with the same rim, by the same modes."""
-        return RimAndInnerElectrodes(geometry, self.disc, self.order, self.accuracy)
+        shared = self.disc, self.order, self.accuracy, self.inner.orders
+        return RimAndInnerElectrodes(geometry, *shared)
 
     def project(self, potential: np.ndarray) -> np.ndarray:
         """(..., size, k): projection on the modes of potentials at the nodes (..., nodes, k)."""
@@ -107,7 +116,7 @@ class RimAndInnerElectrodes:
     def covers(self, places: Sequence[Place]) -> np.ndarray:
         """(P,) bool: whether touches at places (x_mm, y_mm, radius_mm) have electrodes within."""
         x, y, radius = np.array(places, float).reshape(-1, 3).T
-        return self.inner.covered(x + 1j * y, radius).any(axis=1)
+        return np.asarray(self.inner.covered(x + 1j * y, radius).any(axis=1))
 
     def covered(self, place: Place) -> CoveredElectrodes:
         """What a touch at a place does within itself to the currents of the electrodes that it

@@ -56,6 +56,7 @@ PLACES_PER_SOLVE = 64  # places of one batched eigenproblem
 PLACES_PER_TASK = 32  # new places that one process computes at a time
 PLACES_PER_BATCH = 16 * PLACES_PER_SOLVE  # bounds the memory of couplings awaiting their solution
 PARALLEL_EFFORT = 100.0  # in solved sheets; below it, starting processes costs more than it saves
+SLOPE_STEP = 1e-3  # of a value, a width or the rim's mm: half a central difference
 LEAST_MASS = 1e-12  # of the heaviest multipole's mass; below it a multipole is rounding
 
 
@@ -534,6 +535,8 @@ class Forward:
         touches."""
         g, n = self.geometry, self.electrodes.n
         names = ["conductivity_S_per_m", "thickness_mm"]
+        if len(g.inner):
+            return names + _inner_parameters(g) + [f"contrast[{i}]" for i in range(len(touches))]
         names += [f"electrode_deg[{i}]" for i in range(n)]
         if not g.points:
             names += [f"electrode_width_mm[{i}]" for i in range(n)]
@@ -549,7 +552,7 @@ class Forward:
         """d impedance / d parameter, (n, n) ohm per unit, by name; all `parameters()` by default.
 
         Raises InputError for touches of contrast 0, clipped ones and those held off the rim, which
-        have no derivatives here.
+        have no derivatives here; with electrodes inside, for parameters but `parameters()`.
         """
         if self.bulk:
             actual = f"{self.geometry.gradient_across:g}"
@@ -557,9 +560,92 @@ class Forward:
         for touch in touches:
             if abs(touch.contrast) <= LEAST_CONTRAST:
                 raise InputError("touch", "contrast", touch.contrast, "one to differentiate by")
+        if len(self.geometry.inner):
+            return self._inner_derivatives(touches, parameters)
         slope = _Slopes(self, *self._solve(touches))
         names = self.parameters(touches) if parameters is None else parameters
         return {name: self.sheet_resistance * slope.derivative(name) for name in names}
+
+    def _inner_derivatives(
+        self, touches: Sequence[Touch], parameters: list[str] | None
+    ) -> dict[str, np.ndarray]:
+        """`derivatives` of a skin with electrodes inside."""
+        known = self.parameters(touches)
+        names = known if parameters is None else parameters
+        for name in names:
+            if name not in known:
+                expected = f"one of {', '.join(known)}"
+                raise InputError("skin", "derivatives beside electrodes inside", name, expected)
+        for touch in touches:
+            if self.electrodes.covers([(touch.x_mm, touch.y_mm, touch.radius_mm)])[0]:
+                place = f"({touch.x_mm:g}, {touch.y_mm:g}) mm, over an electrode inside"
+                raise InputError("touch", "derivatives", place, "a touch beside it")
+        slopes = _InnerSlopes(self, *self._solve(touches))
+        return {name: self.sheet_resistance * slopes.derivative(name) for name in names}
+
+
+@dataclass(frozen=True)
+class _InnerSlopes:
+    """dR = X^T dS X of a skin with electrodes inside, dS a central difference: as _Slopes."""
+
+    forward: Forward
+    relative: np.ndarray
+    currents: np.ndarray
+    edges: list[TouchEdge]
+    multipoles: list[np.ndarray]
+
+    def derivative(self, parameter: str) -> np.ndarray:
+        kind, _, index = parameter.rstrip("]").partition("[")
+        if kind == "contrast":
+            edge, amplitude = self.edges[int(index)], self.multipoles[int(index)]
+            return -(amplitude.T @ edge.mass @ amplitude) / edge.touch.contrast**2
+        g = self.forward.geometry
+        if kind in ("electrode_x_mm", "electrode_y_mm"):
+            step = SLOPE_STEP * (g.electrode_width_mm[int(index)] or 1.0)
+            slope = self._difference("electrode_inside_mm", index, step, kind[10] == "y")
+        elif kind == "electrode_deg":
+            slope = self._difference(kind, index, np.degrees(SLOPE_STEP / g.radius_mm), False)
+        else:
+            value = float(np.asarray(getattr(g, kind), float)[int(index) if index else ()])
+            slope = self._difference(kind, index, SLOPE_STEP * value, False)
+            if not index:
+                slope = slope - self.relative / value
+        return slope
+
+    def _difference(self, field: str, index: str, step: float, across: bool) -> np.ndarray:
+        """(n, n): X^T dS X over twice the step; across: of the imaginary part."""
+        electrodes, slope = self.forward.electrodes, np.zeros_like(self.relative)
+        for sign in (1.0, -1.0):
+            moved = sign * step * (1j if across else 1.0)
+            value = getattr(self.forward.geometry, field)
+            if index:
+                value = value.copy()
+                value[int(index)] += moved
+            else:
+                value = value + moved
+            geometry = self.forward.geometry.with_values(**{field: value})
+            shifted = (
+                electrodes.with_contacts(geometry)
+                if geometry.same_outline(self.forward.geometry)
+                else electrodes.on(geometry)
+            )
+            power = self.currents.T @ np.nan_to_num(shifted.matrix) @ self.currents
+            for edge, amplitude in zip(self.edges, self.multipoles, strict=True):
+                coupled = self.currents.T @ (shifted.coupling(edge) @ amplitude)
+                power = power + coupled + coupled.T
+            slope += sign * power / (2.0 * step)
+        return slope + np.where(np.isnan(self.relative), np.nan, 0.0)
+
+
+def _inner_parameters(geometry: Geometry) -> list[str]:
+    """Parameters of the electrodes of a skin with some inside: places, widths and contacts."""
+    names = [f"electrode_deg[{i}]" for i in geometry.on_rim]
+    names += [f"electrode_{axis}_mm[{i}]" for axis in "xy" for i in geometry.inner]
+    if geometry.points:
+        return names
+    everywhere = range(len(geometry.electrode_deg))
+    kinds = ("electrode_width_mm", "contact_impedivity_ohm_m2")
+    return names + [f"{kind}[{i}]" for kind in kinds for i in everywhere]
 
 
 class _Slopes:

@@ -115,7 +115,8 @@ class Geometry:
             return
         place = np.asarray(self.electrode_inside_mm, complex)
         if place.shape != self.electrode_deg.shape:
-            raise InputError("skin", "electrode_inside_mm", place.shape, self.electrode_deg.shape)
+            expected = f"{self.electrode_deg.shape}, one an electrode"
+            raise InputError("skin", "electrode_inside_mm", place.shape, expected)
         inside = None if np.isnan(place).all() else place
         object.__setattr__(self, "electrode_inside_mm", inside)
 

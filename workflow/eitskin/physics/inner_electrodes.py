@@ -33,13 +33,22 @@ class InnerElectrodes:
     count, K). Matrices are per unit sheet resistance.
     """
 
-    def __init__(self, geometry: Geometry, disc: DiscMap, accuracy: TouchAccuracy):
+    def __init__(
+        self,
+        geometry: Geometry,
+        disc: DiscMap,
+        accuracy: TouchAccuracy,
+        orders: int | None = None,
+    ):
+        """`orders`: angular ones, by default as many as the accuracy needs."""
         self.geometry, self.disc = geometry, disc
         self.numbers = geometry.inner
         self.centre = geometry.inner_place
         self.radius = 0.5 * geometry.electrode_width_mm[self.numbers]
         self.count = len(self.numbers)
-        self.orders = 0 if geometry.points else self._needed_orders(accuracy)
+        if orders is None:
+            orders = 0 if geometry.points else self._needed_orders(accuracy)
+        self.orders = orders
         nodes = NODES_PER_ORDER * self.orders + 1
         theta = 2.0 * np.pi * np.arange(nodes) / nodes
         angle = np.arange(1, self.orders + 1)[:, None] * theta

@@ -89,8 +89,9 @@ class RecordingSimulator:
     families, each at all its sites; member_derivatives (K, N, M): of the readings by the members'
     coordinates about a fit, which fits near it take as they are; states: those of the frames;
     touched, simulable (N,) bool: whether a frame is touched, and whether its touch is stated well
-    enough and crosses the edge of no electrode inside; coarse: whether bodies are solved at accuracy train. Raises InputError where no frame
-    can be simulated, or the scale of the readings is unknown and none can be estimated.
+    enough and clear of the edges of electrodes inside; coarse: whether bodies are solved at
+    accuracy train. Raises InputError where no frame can be simulated, or the scale of the readings
+    is unknown and none can be estimated.
     """
 
     coarse = False
