@@ -13,7 +13,6 @@ from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.outline import as_stated, laid_out
-from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
 from eitskin.simulate.readings import simulate
 from small_skin import problem_of
@@ -34,7 +33,10 @@ STATED = {
         *([-20.0, -14.0], [22.0, -12.0], [18.0, 15.0], [-19.0, 16.0]),
     ],
 }
-CHANNELS = channel_table(8, "adjacent", "adjacent", skip_driven=False)
+# Driven electrodes are measured too, or no contact would show.
+CHANNELS = np.array(
+    [(k, (k + 1) % 8, (k + j) % 8, (k + j + 1) % 8) for k in range(8) for j in range(7)]
+)
 PLACES = [(0.0, 0.0), (-30.0, 1.0), (28.0, 2.0), (1.0, 18.0), (-20.0, -13.0), (-23.5, -14.0)]
 
 

@@ -95,6 +95,7 @@ class Anisotropy(SkinEffect):
 
     name = "anisotropy"
     driver = "static"
+    beside_inner = False
     parameters = {
         "ratio": Parameter("1", 1.0, 1.0, 10.0, scale=0.05, dense=False),
         "angle_deg": Parameter("°", 0.0, -360.0, 360.0, scale=90.0, dense=False),

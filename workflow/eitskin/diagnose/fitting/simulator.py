@@ -121,8 +121,8 @@ class RecordingSimulator:
         x_mm, y_mm, probe_mm = self.states[["x_mm", "y_mm", "probe_mm"]].to_numpy().T
         skin = base.nominal_skin if base else recording.skin
         is_stated = self.states.notna().all(axis=1).to_numpy()
-        is_stated &= is_touchable(skin, x_mm + 1j * y_mm, 0.5 * probe_mm)
-        self.simulable = ~self.touched | is_stated
+        is_clear = is_touchable(skin, x_mm + 1j * y_mm, 0.5 * probe_mm)
+        self.simulable = ~self.touched | (is_stated & is_clear)
         self.states.loc[~self.simulable, "touch"] = False
         if not self.simulable.any():
             actual = f"{len(recording.frames)} touches of unknown force or probe"
