@@ -180,6 +180,16 @@ def test_a_strip_too_narrow_for_its_electrodes_is_refused_by_name():
         Forward(skin(strip, first=0.37))
 
 
+@pytest.mark.long
+def test_a_notch_narrower_than_a_right_angle_is_mapped():
+    """A palm with a thumb; also between the points that the map is fitted to."""
+    thumb = ((80, 15), (108.8, 36.6), (101.6, 46.2), (80, 30))
+    geometry = skin(RimCurve(((0, 0), (80, 0), *thumb, (80, 70), (0, 70))), n=6)
+    rim = geometry.rim(np.linspace(0.0, 2.0 * np.pi, 5001))
+    np.testing.assert_allclose(np.abs(disc_map(geometry)(rim)), 1.0, atol=1e-7)
+
+
+@pytest.mark.long
 def test_a_slit_that_is_too_narrow_is_refused_by_name():
     """Its map would be one on the points that it is fitted to, and nowhere between them."""
     slit = ((0, 0), (100, 0), (100, 60), (52, 60), (50, 20), (48, 60), (0, 60))

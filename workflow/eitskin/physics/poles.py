@@ -16,10 +16,11 @@ from eitskin.physics.rim_curve import EVEN_POINTS, crowded
 CURVED_SHARE = 0.4  # of that disc's radius, of poles beside a curve: the coarsest
 RE_ENTRANT = 1.6  # times as many poles at a corner that points inwards
 CORNER_SHARE = 0.1  # of a corner's reach, within which its own poles serve alone
-# The same where the wedge outside a corner is narrower than a right angle: its width is what the
-# poles beside the rim follow. In radians, from where on it is.
-NARROW_SHARE, NARROW_TURN = 1e-8, -1.65
+# That share where the wedge outside a corner is narrower than a right angle, since the poles beside
+# the rim follow its width; and the turn, in radians, beyond which it is.
+NARROW_SHARE, NARROW_TURN = 1e-12, -1.65
 BEYOND_SHARE = 0.5  # of a corner's reach: a pole that moves with it
+NARROW_POLES = 0.3  # there of a point of the rim, at most: more would fit the points alone
 CLEAR_SHARE = 0.7  # of the way to the rim beyond, that a corner's poles go at most
 
 
@@ -140,9 +141,12 @@ def _clear(rim: np.ndarray, place: complex, direction: complex) -> float:
 
 def _beside(sample: RimSample, fineness: Fineness) -> tuple[np.ndarray, np.ndarray]:
     away = np.ones(len(sample.place), bool)
+    narrow = np.zeros(len(sample.place), bool)
     for corner, reach in enumerate(_side_lengths(sample)):
         share = NARROW_SHARE if _turn(sample, corner) < NARROW_TURN else CORNER_SHARE
-        away &= np.abs(sample.place - sample.place[sample.corners[corner]]) > share * reach
+        from_corner = np.abs(sample.place - sample.place[sample.corners[corner]])
+        away &= from_corner > share * reach
+        narrow |= from_corner < CORNER_SHARE * reach
     place, normal, length, bent = (
         values[away] for values in (sample.place, sample.normal, sample.length, sample.bent)
     )
@@ -150,6 +154,7 @@ def _beside(sample: RimSample, fineness: Fineness) -> tuple[np.ndarray, np.ndarr
     distance = np.minimum(_touching(place, normal, rim, -1.0), _touching(place, normal, rim, 1.0))
     distance = np.where(bent, fineness.curved_share, 1.0) * distance
     count = length / (fineness.spacing * distance)
+    count = np.where(narrow[away], np.minimum(count, NARROW_POLES), count)
     total = np.cumsum(count)
     steps = np.arange(int(total[-1])) + 0.5
     index = np.searchsorted(total, steps)

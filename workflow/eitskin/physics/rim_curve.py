@@ -84,7 +84,9 @@ class RimCurve:
     @cached_property
     def area_mm2(self) -> float:
         """Enclosed area; of a clockwise curve negative."""
-        place, slope, step = self._dense
+        if self.smooth and len(self.corner_points):
+            return float(sum(side.area_mm2 for side in self._drawn_sides))
+        place, slope, step = self._steps_round
         return float(0.5 * (np.conj(place) * slope).imag.sum() * step)
 
     @cached_property
@@ -179,7 +181,7 @@ class RimCurve:
     def centre(self) -> complex:
         """A place well within, and in the middle: of a lattice the point with the largest distance
         from the rim over the root mean square of its distances to the lattice."""
-        corners = self._dense[0]
+        corners = self._dense
         x, y = (
             np.linspace(part.min(), part.max(), CENTRE_LATTICE + 2)[1:-1]
             for part in (corners.real, corners.imag)
@@ -209,7 +211,7 @@ class RimCurve:
 
     def lattice(self, count: int) -> np.ndarray:
         """About so many complex places within, mm, on a square lattice that shares out the area."""
-        rim = self._dense[0]
+        rim = self._dense
         step = float(np.sqrt(self.area_mm2 / count))
         x, y = (
             np.arange(part.min() + 0.5 * step, part.max(), step) for part in (rim.real, rim.imag)
@@ -220,7 +222,7 @@ class RimCurve:
     def lattice_within(self, spacing_mm: float, margin_mm: float) -> np.ndarray:
         """Complex places, mm, `spacing_mm` apart on a square lattice, row by row from below, that
         lie `margin_mm` or more within the rim; in the middle of the rim's extent in x and y."""
-        rim = self._dense[0]
+        rim = self._dense
         lines = []
         for part in (rim.real, rim.imag):
             room = max(float(np.ptp(part)) - 2.0 * margin_mm, 0.0)
@@ -237,14 +239,14 @@ class RimCurve:
 
     def depth(self, z: np.ndarray) -> np.ndarray:
         """Distance, mm, of complex points z within the rim from it; outside negative."""
-        rim, z = self._dense[0], np.asarray(z, complex)
+        rim, z = self._dense, np.asarray(z, complex)
         blocks = np.array_split(z.ravel(), z.size // POINTS_AT_ONCE + 1)
         away = np.concatenate([distance(rim, block) for block in blocks]).reshape(z.shape)
         return np.where(inside(rim, z), away, -away)
 
     def contains(self, z: np.ndarray) -> np.ndarray:
         """Whether complex points z lie within the rim."""
-        return inside(self._dense[0], z)
+        return inside(self._dense, z)
 
     def beyond(self, z: np.ndarray) -> np.ndarray:
         """Distance, mm, of complex points z from the skin: 0 within the rim."""
@@ -302,13 +304,17 @@ class RimCurve:
         ]
 
     @cached_property
-    def _dense(self) -> tuple[np.ndarray, np.ndarray, float]:
-        """Points, slopes by a parameter and its step, for areas; of corners: those themselves."""
+    def _dense(self) -> np.ndarray:
+        """Points of a polygon that stands for the rim; of a polygon its corners."""
+        if self.smooth and len(self.corner_points):
+            return np.concatenate([side.dense for side in self._drawn_sides])
+        return self._steps_round[0]
+
+    @cached_property
+    def _steps_round(self) -> tuple[np.ndarray, np.ndarray, float]:
+        """Points of a polygon or of a smooth rim, slopes by a parameter and its step, for areas."""
         if not self.smooth:
             return self.points, self.steps, 1.0
-        if len(self.corner_points):
-            place, step = zip(*(side.dense for side in self._drawn_sides), strict=True)
-            return np.concatenate(place), np.concatenate(step), 1.0
         spline, end = self._spline
         u = end * np.arange(SAMPLES) / SAMPLES
         return _complex(spline(u)), _complex(spline(u, 1)), end / SAMPLES
@@ -341,14 +347,15 @@ class _DrawnSide(NamedTuple):
 
     start: its first point, span: from there to its last; curve: splines of (x, y) by length and
     their derivatives, none of a straight side; reached_mm: the lengths at its points; dense: points
-    from its start on, and steps along it that each stands for.
+    from its start on, without its end; area_mm2: between it and 0.
     """
 
     start: complex
     span: complex
     curve: "tuple[BSpline, ...]"
     reached_mm: np.ndarray
-    dense: tuple[np.ndarray, np.ndarray]
+    dense: np.ndarray
+    area_mm2: float
 
     @property
     def bent(self) -> bool:
@@ -376,7 +383,8 @@ def _drawn_side(points: np.ndarray, samples: float) -> _DrawnSide:
     span = points[-1] - points[0]
     off = np.abs((np.conj(span) * (points - points[0])).imag)
     if off.max() < STRAIGHT * abs(span) ** 2:
-        return _DrawnSide(points[0], span, (), chord, (points[:1], np.array([span])))
+        area_mm2 = 0.5 * float((np.conj(points[0]) * span).imag)
+        return _DrawnSide(points[0], span, (), chord, points[:1], area_mm2)
     from scipy.interpolate import make_interp_spline
 
     parts = len(points) - 1
@@ -391,13 +399,13 @@ def _drawn_side(points: np.ndarray, samples: float) -> _DrawnSide:
     length = np.append(0.0, np.cumsum(np.abs(step).sum(axis=1)))
     even = np.linspace(0.0, length[-1], len(length))
     curve = make_interp_spline(even, spline(make_interp_spline(length, u, k=5)(even)), k=5)
-    place = np.append(points[0], _complex(spline(inner)).ravel())
     return _DrawnSide(
         points[0],
         span,
         (curve, *(curve.derivative(k) for k in (1, 2, 3))),
         length[::count],
-        (place, np.append(0.0, step.ravel())),
+        _complex(spline(u[:-1])),
+        0.5 * float((np.conj(_complex(spline(inner))) * step).imag.sum()),
     )
 
 
