@@ -122,3 +122,15 @@ def test_options_that_say_nothing_are_wrong_usage(folder, words):
     with pytest.raises(SystemExit) as ended:
         cli.main(["skin", "skin.yaml", *words])
     assert ended.value.code == 2
+
+
+def test_electrodes_inside_are_discs_where_they_are(folder):
+    statement = "radius_mm: 40\nelectrode_width_mm: 5\nelectrode_xy_mm: [[40, 0], [-8, 6], [0, 0]]"
+    (folder / "skin.yaml").write_text(statement, encoding="utf-8")
+    assert cli.main(["skin", "skin.yaml"]) == 0
+    drawn = (folder / "skin-skin.svg").read_text(encoding="utf-8")
+    assert drawn.count('class="electrode"') == 1
+    assert '<circle class="dot" cx="-8.0000" cy="-6.0000" r="2.5"/>' in drawn
+    assert '<circle class="dot" cx="0.0000" cy="0.0000" r="2.5"/>' in drawn.replace(
+        "-0.0000", "0.0000"
+    )

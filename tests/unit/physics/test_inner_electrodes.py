@@ -94,18 +94,18 @@ def test_good_contacts_are_those_of_a_perfect_conductor():
 def test_a_mirrored_skin_reads_alike():
     skin = geometry()
     mirrored = geometry(INSIDE.conj()).with_values(electrode_deg=-skin.electrode_deg)
-    one, other = Forward(skin), Forward(mirrored)
+    forward, mirror = Forward(skin), Forward(mirrored)
     touches = [Touch(t.x_mm, -t.y_mm, t.radius_mm, t.contrast) for t in TOUCHES]
-    readings = one.voltages(CHANNELS, TOUCHES)
-    assert np.allclose(readings, other.voltages(CHANNELS, touches), rtol=1e-9)
+    readings = forward.voltages(CHANNELS, TOUCHES)
+    assert np.allclose(readings, mirror.voltages(CHANNELS, touches), rtol=1e-9)
 
 
-def test_electrodes_inside_go_with_a_turned_skin_and_with_a_square():
+def test_electrodes_inside_turn_with_the_skin():
     turn = np.exp(0.7j)
     skin = geometry()
     turned = geometry(INSIDE * turn).with_values(electrode_deg=skin.electrode_deg + np.degrees(0.7))
-    one, other = (Forward(g).voltages(CHANNELS) for g in (skin, turned))
-    assert np.allclose(one, other, rtol=1e-9)
+    readings = [Forward(g).voltages(CHANNELS) for g in (skin, turned)]
+    assert np.allclose(*readings, rtol=1e-9)
 
 
 def test_a_batch_of_touches_is_the_touches_one_by_one():

@@ -106,8 +106,8 @@ class RimAndInnerElectrodes:
         potential = touch.response_within(self.inner.nodes)
         if isinstance(touch, TouchEdge):
             centre, radius = np.array([touch.centre]), np.array([touch.radius])
-            covered = np.repeat(self.inner.covered(centre, radius), self.inner.place.shape[1])
-            potential[covered] += touch.harmonics.values(self.inner.nodes[covered])
+            is_covered = np.repeat(self.inner.covered(centre, radius), self.inner.place.shape[1])
+            potential[is_covered] += touch.harmonics.values(self.inner.nodes[is_covered])
         inner = self.inner.project(potential)
         if not self.on_rim:
             return inner

@@ -34,13 +34,13 @@ class CoveredElectrodes:
 def covered_electrodes(
     inner: InnerElectrodes,
     layer_mm: np.ndarray,
-    covered: np.ndarray,
+    is_covered: np.ndarray,
     centre: complex,
     radius: float,
 ) -> CoveredElectrodes:
     """The polarisations in a touch, centre and radius in mm, that covers the electrodes of the
-    mask `covered` (count,); layer_mm (count,): lambda of every electrode."""
-    numbers = np.flatnonzero(covered)
+    mask `is_covered` (count,); layer_mm (count,): lambda of every electrode."""
+    numbers = np.flatnonzero(is_covered)
     scaled = (inner.place[numbers].ravel() - centre) / radius
     if inner.geometry.points:
         return _covered_points(inner, numbers, scaled)

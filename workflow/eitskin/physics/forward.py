@@ -441,11 +441,11 @@ class Forward:
         depends on their contacts."""
         if not self.electrodes.covers([place])[0]:
             return touch
-        covered = self.electrodes.covered(place)
+        within = self.electrodes.covered(place)
         return TouchCoupling(
-            block_diag(touch.mass, np.eye(len(covered.response))),
-            block_diag(touch.response, covered.response),
-            np.hstack([touch.coupling, covered.coupling]),
+            block_diag(touch.mass, np.eye(len(within.response))),
+            block_diag(touch.response, within.response),
+            np.hstack([touch.coupling, within.coupling]),
         )
 
     def _to_electrodes(self, edge: TouchEdge) -> np.ndarray:
@@ -504,19 +504,21 @@ class Forward:
         if not edges:
             return self._relative, currents, [], []
         places = [(touch.x_mm, touch.y_mm, touch.radius_mm) for touch in touches]
-        covered = {
+        currents_within = {
             touch: self.electrodes.covered(place)
             for touch, place in zip(touches, places, strict=True)
             if self.electrodes.covers([place])[0]
         }
         to_electrodes = [self._to_electrodes(edge) for edge in edges]
-        coupling = np.hstack([*to_electrodes, *(part.coupling for part in covered.values())])
+        coupling = np.hstack(
+            [*to_electrodes, *(part.coupling for part in currents_within.values())]
+        )
         gains = coupling[self._whole] + self._inner_currents.T @ coupling[self._inner]
         system = np.block([[self._mutual_response(a, b) for b in edges] for a in edges])
         system += block_diag(
             *(edge.mass / touch.contrast for edge, touch in zip(edges, touches, strict=True))
         )
-        for touch, part in covered.items():
+        for touch, part in currents_within.items():
             mass = np.eye(len(part.response))
             system = block_diag(system, part.response + mass / touch.contrast)
         relaxed = np.zeros((0, coupling.shape[1]))
@@ -616,23 +618,23 @@ class _InnerSlopes:
         """(n, n): X^T dS X over twice the step; across: of the imaginary part."""
         electrodes, slope = self.forward.electrodes, np.zeros_like(self.relative)
         for sign in (1.0, -1.0):
-            moved = sign * step * (1j if across else 1.0)
+            change = sign * step * (1j if across else 1.0)
             value = getattr(self.forward.geometry, field)
             if index:
                 value = value.copy()
-                value[int(index)] += moved
+                value[int(index)] += change
             else:
-                value = value + moved
+                value = value + change
             geometry = self.forward.geometry.with_values(**{field: value})
-            shifted = (
+            beside = (
                 electrodes.with_contacts(geometry)
                 if geometry.same_outline(self.forward.geometry)
                 else electrodes.on(geometry)
             )
-            power = self.currents.T @ np.nan_to_num(shifted.matrix) @ self.currents
+            power = self.currents.T @ np.nan_to_num(beside.matrix) @ self.currents
             for edge, amplitude in zip(self.edges, self.multipoles, strict=True):
-                coupled = self.currents.T @ (shifted.coupling(edge) @ amplitude)
-                power = power + coupled + coupled.T
+                cross = self.currents.T @ (beside.coupling(edge) @ amplitude)
+                power = power + cross + cross.T
             slope += sign * power / (2.0 * step)
         return slope + np.where(np.isnan(self.relative), np.nan, 0.0)
 
