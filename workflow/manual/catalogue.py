@@ -51,8 +51,6 @@ def _entry(effect: Effect) -> str:
 def _skins_text(effect: Effect) -> str:
     """The skins on which it is modelled."""
     outlines = "discs and any outline" if effect.on_outlines else "discs alone"
-    if effect.rim_only:
-        return f"{outlines}; of electrodes on the rim"
     return outlines if effect.beside_inner else f"{outlines}, with all electrodes on the rim"
 
 

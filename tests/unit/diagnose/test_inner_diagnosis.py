@@ -8,6 +8,7 @@ from eitskin.data.recording import Recording, frames_table, metadata_of
 from eitskin.diagnose.diagnosis import diagnose
 from eitskin.diagnose.fitting.simulator import RecordingSimulator
 from eitskin.diagnose.search.catalogue import Conditions, catalogue
+from eitskin.diagnose.verdict import words
 from eitskin.diagnose.verdict.record import record
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
@@ -65,6 +66,10 @@ def contact(electrode, ratio=RATIO):
     return {"name": "contact-impedance", **sites, "parameters": parameters}
 
 
+def shifted(electrode, values):
+    return {"name": "electrode-position", "electrodes": [electrode], "parameters": values}
+
+
 def test_a_skin_is_laid_out_and_stated_again():
     skin = Skin.from_metadata(STATED)
     laid = laid_out(skin)
@@ -91,11 +96,21 @@ def test_what_is_not_modelled_inside_is_not_sought():
     names = {c.name for c in candidates}
     assert not names & {"anisotropy", "conductivity-gradient", "third-dimension"}
     assert {"contact-impedance", "electrode-width", "domain-shape"} <= names
-    moved = {site for c in candidates if c.name == "electrode-position" for site in c.sites}
-    assert moved == {0, 1, 2, 3}
-    shift = {"name": "electrode-position", "electrodes": [5], "parameters": {"shift_mm": 1.0}}
-    with pytest.raises(InputError, match="found electrode 5, inside the skin"):
-        recorded(shift)
+    keys = {
+        c.sites: {key for key, _ in c.names} for c in candidates if c.name == "electrode-position"
+    }
+    along_rim, inside = {"shift_mm"}, {"dx_mm", "dy_mm"}
+    single = {(site,): along_rim if site < 4 else inside for site in range(8)}
+    assert keys == {**single, (0, 1, 2, 3): along_rim, (4, 5, 6, 7): inside}
+
+
+def test_a_shift_is_along_the_rim_or_inside():
+    for electrode, values, found in (
+        (5, {"shift_mm": 1.0}, "found electrode 5, inside the skin, expected dx_mm and dy_mm"),
+        (2, {"dx_mm": 1.0}, "found electrode 2, on the rim, expected shift_deg or shift_mm"),
+    ):
+        with pytest.raises(InputError, match=found):
+            recorded(shifted(electrode, values))
 
 
 @pytest.mark.long
@@ -106,3 +121,15 @@ def test_a_contact_inside_is_named():
     assert effect["name"] == "contact-impedance" and effect["electrodes"] == [5]
     ratio = effect["parameters"]["ratio"]
     assert ratio["low"] < RATIO < ratio["high"]
+
+
+@pytest.mark.long
+def test_an_electrode_inside_that_sits_wrongly_is_named_with_x_and_y():
+    shift = {"dx_mm": 1.5, "dy_mm": -1.0}
+    document = record(diagnose(recorded(shifted(6, shift))), "inside").document
+    (effect,) = document["effects"]
+    assert effect["name"] == "electrode-position" and effect["electrodes"] == [6]
+    for key, value in shift.items():
+        assert effect["parameters"][key]["low"] < value < effect["parameters"][key]["high"]
+    text = " ".join(words.all_sentences(document))
+    assert "along x" in text and "along y" in text and "rim" not in text.split("along y")[0]

@@ -1,6 +1,6 @@
 """What an effect is: physics written once, for the simulator to apply and the diagnosis to fit."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -90,8 +90,7 @@ class Effect:
     diagnosis names one; tone: whether it is a steady tone, whose `frequency_Hz` a periodogram
     finds; disc: whether it multiplies the conductivity by `contrast` within a disc at `x_mm`,
     `y_mm` of `radius_mm`; on_outlines: whether it is modelled on skins that are no discs;
-    beside_inner: and on skins with electrodes inside; rim_only: whether its sites are the
-    electrodes on the rim alone;
+    beside_inner: and on skins with electrodes inside;
     identities: other causes of the same readings, which a diagnosis names beside it.
     """
 
@@ -120,7 +119,6 @@ class Effect:
     disc = False
     on_outlines = True
     beside_inner = True
-    rim_only = False
     identities: tuple[Identity, ...] = ()
 
     @property
@@ -146,6 +144,14 @@ class Effect:
     def neutral(self, key: str, skin: Skin) -> float | None:
         """A parameter's value at which the effect does nothing to `skin`, None: there is none."""
         return self.parameters[key].neutral
+
+    def neutral_at(self, key: str, skin: Skin, sites: Sequence[int] | None) -> float | None:
+        """`neutral` of a parameter at definite sites, where these differ."""
+        return self.neutral(key, skin)
+
+    def site_groups(self, skin: Skin, kind: str, count: int) -> list[tuple[int, ...]]:
+        """The sites of a kind, of which there are so many, by what the effect does there."""
+        return [tuple(range(count))]
 
     def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:
         """Values of parameters without a neutral one from which fits start, one dict a start.

@@ -11,7 +11,6 @@ from eitskin.diagnose.search.gates import COMPOSED, CONTACTS, FLOATING, MODELLED
 from eitskin.diagnose.search.journal import Journal
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import Effect
-from eitskin.physics.outline import rim_numbers
 from eitskin.physics.skin import Skin
 
 
@@ -83,22 +82,12 @@ def _sites(
     kinds = effect.sites[:1] if at_once > 1 else effect.sites
     for kind in kinds:
         if kind != "channels":
-            for sites in combinations(_numbers(effect, kind, conditions), at_once):
+            for sites in combinations(range(conditions.site_counts[kind]), at_once):
                 yield kind, sites, "sparse"
     if not effect.parameters or effect.site_number:
         return
     for kind in kinds:
-        everywhere = _numbers(effect, kind, conditions)
-        if not everywhere:
-            continue
-        yield kind, everywhere, "dense"
-        if effect.common:
-            yield kind, everywhere, "common"
-
-
-def _numbers(effect: Effect, kind: str, conditions: Conditions) -> tuple[int, ...]:
-    """The numbers of the sites of a kind at which an effect may be."""
-    count = conditions.site_counts[kind]
-    if kind == "electrodes" and effect.rim_only:
-        return tuple(rim_numbers(conditions.skin, count).tolist())
-    return tuple(range(count))
+        for everywhere in effect.site_groups(conditions.skin, kind, conditions.site_counts[kind]):
+            yield kind, everywhere, "dense"
+            if effect.common:
+                yield kind, everywhere, "common"
