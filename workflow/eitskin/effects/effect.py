@@ -1,11 +1,12 @@
 """What an effect is: physics written once, for the simulator to apply and the diagnosis to fit."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from eitskin.effects.identity import Identity
 from eitskin.physics.force_history import ForceHistory
@@ -145,7 +146,7 @@ class Effect:
         """A parameter's value at which the effect does nothing to `skin`, None: there is none."""
         return self.parameters[key].neutral
 
-    def neutral_at(self, key: str, skin: Skin, sites: Sequence[int] | None) -> float | None:
+    def neutral_at(self, key: str, skin: Skin, sites: ArrayLike | None) -> float | None:
         """`neutral` of a parameter at definite sites, where these differ."""
         return self.neutral(key, skin)
 

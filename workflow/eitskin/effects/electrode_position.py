@@ -1,8 +1,7 @@
 """Electrodes that are not where the drawing has them."""
 
-from collections.abc import Sequence
-
 import numpy as np
+from numpy.typing import ArrayLike
 
 from eitskin.effects.anisotropy import axis_text
 from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
@@ -72,10 +71,10 @@ class ElectrodePosition(SkinEffect):
             return None
         return 0.0 if (key == "shift_mm") == (skin.rim is not None) else None
 
-    def neutral_at(self, key: str, skin: Skin, sites: Sequence[int] | None) -> float | None:
+    def neutral_at(self, key: str, skin: Skin, sites: ArrayLike | None) -> float | None:
         """As `neutral` on the rim; inside 0 of the shifts along x and y."""
         inner = inside_mm(skin)
-        if inner is None or sites is None or np.isnan(inner[list(sites)]).any():
+        if inner is None or sites is None or np.isnan(inner[np.asarray(sites, int)]).any():
             return self.neutral(key, skin)
         return 0.0 if key in INSIDE else None
 
@@ -100,8 +99,9 @@ class ElectrodePosition(SkinEffect):
         """The geometry with electrodes shifted. Raises InputError for a shift along the
         rim of one inside, and for one along x or y of one on the rim."""
         assert setting.sites is not None
-        shift = {key: setting.values.get(key) for key in self.parameters}
-        shift = {key: np.asarray(value) for key, value in shift.items() if np.any(value)}
+        shift: dict[str, np.ndarray] = {
+            key: np.asarray(value) for key, value in setting.values.items() if np.any(value)
+        }
         for keys, numbers, place, expected in (
             (RIM, geometry.inner, "inside the skin", "dx_mm and dy_mm for it"),
             (INSIDE, geometry.on_rim, "on the rim", "shift_deg or shift_mm for it"),
