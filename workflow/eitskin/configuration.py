@@ -266,7 +266,7 @@ def _refuse_other_form(config: dict) -> None:
         block = _value_at(place, config)
         skin, has_outline = block["skin"], "outline" in block["skin"]
         for key in () if has_outline else ("radius_mm", "electrode_deg"):
-            if skin[key] is None:
+            if skin[key] is None and not (key == "electrode_deg" and "electrode_xy_mm" in skin):
                 raise _Refusal([*place, "skin", key], "null", "a value, or an outline of the skin")
         keys = {key for key in block["touch_grid"] if key != "probe_mm"}
         within = {f"touch_grid.{key}": [key] for key in keys}

@@ -54,11 +54,14 @@ def channels(protocol: "PyEITProtocol") -> np.ndarray:
 def pyeit_mesh(geometry: Geometry, mesh_size: float = MESH_SIZE) -> "PyEITMesh":
     """A mesh of pyEIT in mm, with point electrodes at the centres of the skin's, on its rim, which
     may be out of round; mesh_size: of an edge, in radii. Raises InputError for a skin that is no
-    disc."""
+    disc, and for electrodes inside."""
     from pyeit.mesh.wrapper import PyEITMesh, create
 
     if geometry.outline:
         raise InputError("skin", "outline", "a skin that is no disc", "a disc, for a mesh of pyEIT")
+    if len(geometry.inner):
+        actual, expected = "some inside the skin", "all on its rim, for a mesh of pyEIT"
+        raise InputError("skin", "electrodes", actual, expected)
     angle = np.radians(geometry.electrode_deg)
     fixed = np.column_stack([np.cos(angle), np.sin(angle)])
     disc = create(len(angle), h0=mesh_size, p_fix=fixed)

@@ -188,7 +188,8 @@ def effect_jacobian(recorded: Recording, simulator: Simulator) -> dict[str, np.n
     derivatives: dict[str, np.ndarray] = {}
     for index, setting in enumerate(stated_settings):
         for key, parameter in setting.effect.parameters.items():
-            value, neutral = setting.values[key], setting.effect.neutral(key, model.nominal_skin)
+            value, skin = setting.values[key], model.nominal_skin
+            neutral = setting.effect.neutral_at(key, skin, setting.sites)
             is_foreign = parameter.neutral is not None and neutral is None  # to a skin of this kind
             if value is None or parameter.whole or is_foreign:
                 continue

@@ -36,7 +36,7 @@ def _entry(effect: Effect) -> str:
     facts = {
         "Varies with": effect.driver,
         "Sites": ", ".join(effect.sites) or "the whole skin",
-        "Skins": "discs and any outline" if effect.on_outlines else "discs alone",
+        "Skins": _skins_text(effect),
         "Source": effect.source,
         "Looks like": ", ".join(effect.confusable) or "nothing else",
         "Shown by": effect.shown_by,
@@ -46,6 +46,12 @@ def _entry(effect: Effect) -> str:
     lines += [f"```{{figure}} pictures/{effect.name}.png", f":alt: What {effect.name} changes", ""]
     lines += [picture(effect).caption, "```", ""]
     return "\n".join(lines)
+
+
+def _skins_text(effect: Effect) -> str:
+    """The skins on which it is modelled."""
+    outlines = "discs and any outline" if effect.on_outlines else "discs alone"
+    return outlines if effect.beside_inner else f"{outlines}, with all electrodes on the rim"
 
 
 def _text(effect: Effect) -> list[str]:

@@ -475,7 +475,7 @@ def outline_accuracy() -> Iterable[str]:
     keys = ("rms_error_of_median_v", "touch_error", "cut_touch_error", "witness_error")
     lines = [
         (row["outline"], f"refused: {row['refused']}", *("" for _ in keys), "")
-        if isinstance(row["refused"], str)
+        if isinstance(row["refused"], str) and not isinstance(row["accuracy"], str)
         else (
             row["outline"],
             row["accuracy"],

@@ -90,8 +90,8 @@ def test_the_browser_opens_only_where_asked(folder, monkeypatch):
         ("thickness_mm: 2", "skin.yaml: radius_mm: found nothing, expected radius_mm, or outline"),
         ("radius: 2", "skin.yaml: radius: found an unknown key"),
         (
-            "outline: {shape: rectangle, width_mm: 9, height_mm: 9}\nelectrode_xy_mm: [[0, 0]]",
-            "skin.yaml: skin.electrode_xy_mm: found electrode 0 4.5 mm off the rim",
+            "outline: {shape: rectangle, width_mm: 9, height_mm: 9}\nelectrode_xy_mm: [[7, 0]]",
+            "skin.yaml: skin.electrode_xy_mm: found electrode 0 2.5 mm beyond the rim",
         ),
         ("outline: a glove", "skin.yaml: skin.outline: found a glove"),
     ],
@@ -122,3 +122,15 @@ def test_options_that_say_nothing_are_wrong_usage(folder, words):
     with pytest.raises(SystemExit) as ended:
         cli.main(["skin", "skin.yaml", *words])
     assert ended.value.code == 2
+
+
+def test_electrodes_inside_are_discs_where_they_are(folder):
+    statement = "radius_mm: 40\nelectrode_width_mm: 5\nelectrode_xy_mm: [[40, 0], [-8, 6], [0, 0]]"
+    (folder / "skin.yaml").write_text(statement, encoding="utf-8")
+    assert cli.main(["skin", "skin.yaml"]) == 0
+    drawn = (folder / "skin-skin.svg").read_text(encoding="utf-8")
+    assert drawn.count('class="electrode"') == 1
+    assert '<circle class="dot" cx="-8.0000" cy="-6.0000" r="2.5"/>' in drawn
+    assert '<circle class="dot" cx="0.0000" cy="0.0000" r="2.5"/>' in drawn.replace(
+        "-0.0000", "0.0000"
+    )

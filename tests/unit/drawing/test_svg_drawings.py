@@ -10,6 +10,7 @@ from eitskin.drawing import source
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.outline import laid_out
+from eitskin.physics.rim_curve import RimCurve
 from eitskin.physics.skin import Skin
 
 HEAD = '<svg xmlns="http://www.w3.org/2000/svg" {} viewBox="0 0 100 100">'
@@ -94,15 +95,30 @@ def test_a_turned_rectangle_has_its_corners(drawn):
     assert max(max(corner) for corner in seen.block["outline"]["corners_mm"]) == reach
 
 
-def test_bent_sides_and_corners_are_a_polygon_and_a_sentence_says_so(drawn):
+def test_a_bent_rim_is_followed_and_a_sentence_says_its_corners(drawn):
     bent = '<path d="M20 10A40 40 0 0 1 20 90Z"/>'
     seen = drawn(bent + '<g id="electrodes"><circle cx="20" cy="50" r="2"/></g>')
-    corners = seen.block["outline"]["corners_mm"]
-    assert 10 < len(corners) <= 64 and "smooth" not in seen.block["outline"]
-    assert any("bent sides and corners" in sentence for sentence in seen.sentences)
+    rim = RimCurve(tuple(map(tuple, seen.block["outline"]["corners_mm"])), smooth=True)
+    assert seen.block["outline"]["smooth"] and len(rim.corner_points) == 2
+    assert rim.area_mm2 == pytest.approx(800.0 * math.pi, rel=2e-4)
+    said = "It is bent, with corners at (-20, 40) and (-20, -40) mm about the origin"
+    assert any(sentence.startswith(said) for sentence in seen.sentences)
 
 
-def test_its_corners_are_off_the_electrodes(drawn):
+WHEEL = "".join(
+    f"L{50 + r * math.cos(a):.3f} {50 + r * math.sin(a):.3f}"
+    for k in range(35)
+    for r, a in ((40, 2 * math.pi * k / 35), (36, 2 * math.pi * (k + 0.5) / 35))
+)
+
+
+def test_a_rim_of_too_many_corners_is_a_polygon_and_a_sentence_says_so(drawn):
+    seen = drawn(f'<path d="M{WHEEL[1:]}Z"/><g id="electrodes"><circle cx="90" cy="50" r="2"/></g>')
+    assert len(seen.block["outline"]["corners_mm"]) <= 64 and "smooth" not in seen.block["outline"]
+    assert any(sentence.startswith("No curve follows it") for sentence in seen.sentences)
+
+
+def test_electrodes_stand_on_a_bent_rim(drawn):
     angles = np.radians(np.arange(-75, 76, 15))
     marks = [
         f'<circle cx="{20 + 40 * np.cos(a)}" cy="{50 + 40 * np.sin(a)}" r="2"/>' for a in angles
@@ -120,7 +136,8 @@ def test_its_corners_are_off_the_electrodes(drawn):
 
 def test_an_electrode_at_a_corner_is_said(drawn):
     seen = drawn(SQUARE + '<g id="electrodes"><circle cx="10" cy="10" r="2"/></g>')
-    assert "At a corner, where no simulation takes them: electrodes 0." in seen.sentences
+    said = "At a corner, where they need a width to be simulated: electrodes 0."
+    assert said in seen.sentences
 
 
 def test_parts_that_meet_are_one_rim(drawn):

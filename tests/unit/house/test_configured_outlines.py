@@ -99,8 +99,8 @@ def test_a_disc_keeps_all_that_it_states(configured):
             "mine.yaml: skin.outline: found {",
         ),
         (
-            changed("skin", "electrode_xy_mm", 0, [0.0, 0.0]),
-            "mine.yaml: skin.electrode_xy_mm: found electrode 0 35 mm off the rim",
+            changed("skin", "electrode_xy_mm", 0, [0.0, 70.0]),
+            "mine.yaml: skin.electrode_xy_mm: found electrode 0 35 mm beyond the rim",
         ),
         (
             {"skin": {"radius_mm": None}},

@@ -115,8 +115,14 @@ def test_electrodes_inside_the_skin_are_told(make_recording):
     assert not check.check(told).of_topic("outline")
     on[2] *= 0.5
     inside = stated.apply({"electrode_xy_mm": on.tolist()}, made)
-    (warning,) = check.check(inside).of_topic("outline")
+    assert inside.skin.electrode_deg is None and not check.check(inside).of_topic("outline")
+    assert any(
+        "16 electrodes, 1 of them inside" in f.sentence for f in check.check(inside).findings
+    )
+    on[2] *= 3.0
+    beyond = stated.apply({"electrode_xy_mm": on.tolist()}, made)
+    (warning,) = check.check(beyond).of_topic("outline")
     assert warning.severity == check.WARNING
-    assert "electrode 2 of 16 off the rim, at 50 % of the radius" in warning.sentence
+    assert "electrode 2 of 16 off the rim, at 150 % of the radius" in warning.sentence
     with pytest.raises(InputError, match="electrode 2 of 16 off the rim"):
-        diagnosis.diagnose(inside)
+        diagnosis.diagnose(beyond)

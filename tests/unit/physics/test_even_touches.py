@@ -30,7 +30,8 @@ def test_they_are_those_found_one_by_one(geometry, accuracy, places):
     skin, places = Forward(geometry, accuracy), [(1.0, 2.0, 6.0), *places]
     rim, found = skin.electrodes.rim, set()
     with np.errstate(all="ignore"):  # far outside the rim the map's series is nonsense
-        every = list(even_touches(places, geometry, skin.disc, ACCURACIES[accuracy].touch, 100))
+        touch_accuracy = ACCURACIES[accuracy].touch
+        every = list(even_touches(places, geometry, skin.disc, touch_accuracy, skin.electrodes))
     for here, some in every:
         response = some.rim_response(rim)
         for i, place in enumerate(here):

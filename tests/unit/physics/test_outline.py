@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -59,15 +61,22 @@ def test_any_other_word_is_none():
     assert not_simulated(skin(outline="a hand")) == ("skin.outline", "a hand")
 
 
-def test_electrodes_on_the_rim_are_where_their_angles_say_and_others_are_told():
+def test_electrodes_on_the_rim_are_where_their_angles_say_and_others_inside_or_told():
     on = 80.0 * np.exp(1j * np.radians(ANGLES))
     assert not_simulated(skin(electrode_xy_mm=corners(on))) is None
     assert np.allclose(rim_angles(np.array(corners(on))), ANGLES)
     inner = on.copy()
     inner[[3, 7]] *= 0.4
-    place, found = not_simulated(skin(electrode_xy_mm=corners(inner)))
-    assert place == "skin.electrode_xy_mm"
-    assert found.startswith("electrode 3 and 1 more of 16 off the rim, at 40 %")
+    within = skin(electrode_xy_mm=corners(inner))
+    assert not_simulated(within) is None
+    assert Geometry.from_skin(within).inner.tolist() == [3, 7]
+    assert np.allclose(Geometry.from_skin(within).inner_place, inner[[3, 7]])
+    beyond = on.copy()
+    beyond[[3, 7]] *= 1.4
+    for told in (skin(electrode_xy_mm=corners(beyond)), replace(within, radius_mm=None)):
+        place, found = not_simulated(told)
+        assert place == "skin.electrode_xy_mm"
+        assert found.startswith("electrode 3 and 1 more of 16 off the rim, at ")
 
 
 def test_nothing_is_simulated_of_what_is_no_disc():

@@ -14,6 +14,7 @@ from eitskin.atomic import atomic_path
 from eitskin.data import parquet
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry
+from eitskin.physics.outline import inside_mm
 from eitskin.physics.skin import ELECTRODE_PLACES, LARGEST, MAX_ELECTRODES, Skin, is_number
 from eitskin.yaml_number import hint
 
@@ -377,7 +378,8 @@ def _check_arcs(file: str | Path, skin: Skin) -> None:
     if radius is None or angles is None or width is None:
         return
     try:
-        Geometry(radius, 1.0, 1.0, np.array(angles), np.array(width), np.array(1.0))
+        per_electrode = np.array(angles), np.array(width), np.array(1.0)
+        Geometry(radius, 1.0, 1.0, *per_electrode, electrode_inside_mm=inside_mm(skin))
     except InputError as error:
         violation = f"{width} mm: {error.actual}"
         raise InputError(file, "skin.electrode_width_mm", violation, error.expected) from error

@@ -13,7 +13,7 @@ import numpy as np
 from eitskin import yaml_file
 from eitskin.data.recording import CHOICES, Recording, check_reading, validate
 from eitskin.errors import InputError
-from eitskin.physics.outline import rim_angles
+from eitskin.physics.outline import inside_mm, rim_angles
 from eitskin.physics.skin import Skin
 
 SKIN = tuple(field.name for field in fields(Skin))
@@ -61,7 +61,10 @@ def apply(statement: dict, recording: Recording, file: str | Path = "skin") -> R
         raise InputError(file, "electrode_deg", f"{len(angles)} angles", expected)
     source = f"{metadata['source']}; its owner states {', '.join(statement)}"
     skin = metadata["skin"] | _part(statement, SKIN)
-    if statement.get("electrode_xy_mm") and angles is None and not _is_outline(statement):
+    is_angled = statement.get("electrode_xy_mm") and angles is None and not _is_outline(statement)
+    if is_angled and inside_mm(Skin.from_metadata(skin, str(file))) is not None:
+        skin["electrode_deg"] = None
+    elif is_angled:
         skin["electrode_deg"] = rim_angles(statement["electrode_xy_mm"]).tolist()
     stated_metadata = {**metadata, **_part(statement, READING), "skin": skin, "source": source}
     stated_recording = replace(recording, metadata=stated_metadata)

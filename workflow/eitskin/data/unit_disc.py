@@ -11,7 +11,7 @@ import numpy as np
 from eitskin.errors import InputError
 from eitskin.physics.forward import disc_map
 from eitskin.physics.geometry import Geometry
-from eitskin.physics.outline import laid_out
+from eitskin.physics.outline import inside_mm, laid_out
 from eitskin.physics.skin import Skin
 
 
@@ -34,7 +34,11 @@ class UnitDisc:
 
 def unit_disc(skin: Skin) -> UnitDisc:
     """The disc of a skin; of a disc without its radius, with places in radii. Raises InputError
-    where the electrodes' places are not stated, and for an outline that cannot be mapped."""
+    where the electrodes' places are not stated or inside, and for an outline that cannot be
+    mapped."""
+    if inside_mm(skin) is not None:
+        actual, expected = "electrodes inside the skin", "all on its rim, to place touches"
+        raise InputError("recording", "skin.electrode_xy_mm", actual, expected)
     if skin.rim is None:
         if skin.electrode_deg is None:
             expected = "the electrodes' angles, to place touches"
@@ -50,7 +54,9 @@ def unit_disc(skin: Skin) -> UnitDisc:
 
 def electrode_deg(skin: Skin) -> list[float] | None:
     """Angles of a skin's electrodes on the unit disc in degrees; None where their places are not
-    stated. Raises InputError for an outline that cannot be mapped."""
+    stated, or inside. Raises InputError for an outline that cannot be mapped."""
+    if inside_mm(skin) is not None:
+        return None
     if skin.rim is not None or skin.electrode_deg is not None:
         return unit_disc(skin).electrode_deg.tolist()
     return None

@@ -8,7 +8,7 @@ from eitskin.physics.geometry import even_angles
 from eitskin.physics.outline import laid_out
 from eitskin.physics.rim_curve import RimCurve
 from eitskin.physics.skin import Skin
-from eitskin.skin_layout import layout
+from eitskin.skin_layout import SkinLayout, layout
 
 MOST_LENGTHS = 16  # sides of a rim whose lengths are written
 TEXT_SHARE = 0.04  # height of a letter, of the larger side of the box around the rim
@@ -48,7 +48,7 @@ def picture(skin: Skin, drives: np.ndarray, n_electrodes: int, title: str) -> st
     parts += _axes(letter)
     parts += _arrows(electrodes - 0.9 * letter * outward, drives, line)
     parts += _lengths(rim, letter)
-    marks = _electrodes(skin, n_electrodes, electrodes, 2.5 * line)
+    marks = _electrodes(skin, n_electrodes, drawn, 2.5 * line)
     parts += ['<g id="electrodes">', *marks, "</g>"]
     parts += [
         _text(str(k), place, number)
@@ -130,24 +130,28 @@ def _arrows(places: np.ndarray, drives: np.ndarray, line: float) -> list[str]:
     return parts
 
 
-def _electrodes(skin: Skin, n_electrodes: int, middles: np.ndarray, line: float) -> list[str]:
-    """Stretches of the rim of the stated width, else dots at their middles."""
+def _electrodes(skin: Skin, n_electrodes: int, drawn: SkinLayout, line: float) -> list[str]:
+    """Stretches of the rim and discs inside of the stated width, else dots at their middles."""
     if not skin.electrode_width_mm:
-        return [
-            f'<circle class="dot" cx="{z.real:.4f}" cy="{-z.imag:.4f}" r="{line:.4g}"/>'
-            for z in middles
-        ]
+        return [_disc(z, line) for z in drawn.electrodes]
     laid = laid_out(skin)
     deg = even_angles(n_electrodes) if laid.electrode_deg is None else laid.electrode_deg
     assert laid.radius_mm is not None
     half = 0.5 * skin.electrode_width_mm / laid.radius_mm
     parts = []
-    for phi in np.radians(np.asarray(deg)):
+    for number, phi in enumerate(np.radians(np.asarray(deg))):
+        if number in drawn.inside:
+            parts.append(_disc(drawn.electrodes[number], 0.5 * skin.electrode_width_mm))
+            continue
         angles = phi + np.linspace(-half, half, STRETCH_POINTS)
         rim = laid.rim
         stretch = rim.place(angles) if rim else laid.radius_mm * np.exp(1j * angles)
         parts.append(f'<path class="electrode" stroke-width="{line:.4g}" d="{_path(stretch)}"/>')
     return parts
+
+
+def _disc(centre: complex, radius: float) -> str:
+    return f'<circle class="dot" cx="{centre.real:.4f}" cy="{-centre.imag:.4f}" r="{radius:.4g}"/>'
 
 
 def _caption(

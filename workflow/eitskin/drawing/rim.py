@@ -1,6 +1,7 @@
 """The skin that a drawing shows: which of its curves is the rim, which are electrodes."""
 
 from dataclasses import fields
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from eitskin.drawing.curves import Curve, Drawing, joined
 from eitskin.errors import InputError
 from eitskin.physics.geometry import CORNER_CLEARANCE
 from eitskin.physics.outline import OFF_RIM_MM
-from eitskin.physics.rim_curve import MOST_CORNERS, RimCurve, distance, inside
+from eitskin.physics.rim_curve import MOST_CORNERS, SHARP_DEG, RimCurve, distance, inside
 from eitskin.physics.skin import Skin
 from eitskin.quantities import listed
 
@@ -17,12 +18,13 @@ SMALL_SHARE = 0.2  # of the largest shape: a mark is smaller
 ROUND_SHARE = 5e-4  # of its radius, which a drawn circle or ellipse may leave
 EVEN_SHARE = 1e-5  # of the extent: corners nearer to a straight side lie on it
 CURVE_SHARE = 2e-4  # of the extent, which a smooth rim may leave the drawn one
-CORNER_DEG = 30.0  # of a turn, above which a bent rim has a corner there
 CLEAR_SIZES = 0.75  # of a drawn electrode's size, within which a bent side gets no corner
 CLEAR_SHARE = 0.01  # of the extent, at least
 CLEAR_SPACING = 0.3  # of the distance to the next electrode, at most
+STRAIGHT_SHARE = 1e-9  # of a side's length, by which it is longer than its ends are apart
+LEAST_STEPS = 8  # of a bent side
 DENSE_POINTS = 2880  # of a drawn rim, evenly, to compare with
-SMOOTH_POINTS = (90, 180, 360, 720)  # of a smooth rim: the fewest that follow the drawn one
+SMOOTH_POINTS = (90, 180, 360, 720)  # of a curve: the fewest that follow the drawn one
 COARSER = 1.3  # from a tolerance to the next, until few enough corners are left
 SAME_MM = 1e-3  # between places that are one
 TOLD_MM = 0.05  # by which an electrode is put elsewhere, that a sentence says so
@@ -137,19 +139,32 @@ def _outline(loop: Curve, marks: list[Curve], file: str | Path) -> tuple[float |
             np.abs(np.stack([corners.real, corners.imag])), half[:, None], atol=EVEN_SHARE * extent
         )
         return ({"shape": "rectangle"} | _box(loop) if is_box else _object(rim)), []
-    if not _has_corners(loop):
+    drawn_corners = np.flatnonzero(_turns_deg(points[:-1]) >= SHARP_DEG)
+    if len(drawn_corners) <= MOST_CORNERS:
         for count in SMOOTH_POINTS:
-            rim = _rim(_even(points, count), True, loop, file)
-            if rim.nearest(dense)[1].max() <= CURVE_SHARE * extent:
-                return _object(rim), []
+            rim = _rim(_along(points, drawn_corners, count), True, loop, file)
+            left = float(rim.nearest(dense)[1].max())
+            followed = left <= CURVE_SHARE * extent
+            if followed and len(rim.corner_points) == len(drawn_corners):
+                return _object(rim), _bent_sentences(rim, left)
     candidates = points[:-1][_off_electrodes(points[:-1], marks, extent)]
     tolerance = CURVE_SHARE * extent
     while len(corners := _without_straight(candidates, tolerance)) > MOST_CORNERS:
         tolerance *= COARSER
     rim = _rim(corners, False, loop, file)
     left = float(distance(corners, dense).max())
-    sentence = f"It has bent sides and corners: {len(corners)} corners stand for it, up to "
+    sentence = f"No curve follows it: {len(corners)} corners stand for it, up to "
     return _object(rim), [f"{sentence}{left:.2g} mm off what is drawn."]
+
+
+def _bent_sentences(rim: RimCurve, left_mm: float) -> list[str]:
+    """A sentence on the corners of a drawn rim, and what it leaves of the drawn one."""
+    if not len(rim.corner_points):
+        return []
+    corners = rim.points[rim.corner_points]
+    places = listed([f"({z.real:.4g}, {z.imag:.4g})" for z in corners])
+    sentence = f"It is bent, with corners at {places} mm about the origin, and the curve is up to "
+    return [f"{sentence}{left_mm:.2g} mm off what is drawn."]
 
 
 def _rim(points: np.ndarray, smooth: bool, loop: Curve, file: str | Path) -> RimCurve:
@@ -188,14 +203,30 @@ def _even(points: np.ndarray, count: int) -> np.ndarray:
     return np.interp(share, length, points.real) + 1j * np.interp(share, length, points.imag)
 
 
+def _along(points: np.ndarray, corners: np.ndarray, count: int) -> np.ndarray:
+    """About `count` points evenly along a closed polyline (K,) whose last point is its first; from
+    its first corner on where it has any, of straight sides the corners alone."""
+    if not len(corners):
+        return _even(points, count)
+    loop = np.roll(points[:-1], -corners[0])
+    loop = np.append(loop, loop[0])
+    ends = np.append(corners - corners[0], len(loop) - 1)
+    spacing = np.abs(np.diff(loop)).sum() / count
+    parts = []
+    for start, stop in pairwise(ends):
+        side = loop[start : stop + 1]
+        length = np.append(0.0, np.cumsum(np.abs(np.diff(side))))
+        straight = length[-1] - abs(side[-1] - side[0]) <= STRAIGHT_SHARE * length[-1]
+        steps = 1 if straight else max(int(length[-1] / spacing), LEAST_STEPS)
+        share = length[-1] * np.arange(steps) / steps
+        parts.append(np.interp(share, length, side.real) + 1j * np.interp(share, length, side.imag))
+    return np.concatenate(parts)
+
+
 def _is_ellipse(dense: np.ndarray, half: np.ndarray) -> bool:
     """Whether points lie on an ellipse with half axes along x and y about 0."""
     level = np.hypot(dense.real / half[0], dense.imag / half[1])
     return bool(np.abs(level - 1.0).max() <= ROUND_SHARE)
-
-
-def _has_corners(loop: Curve) -> bool:
-    return bool((_turns_deg(loop.points[:-1]) > CORNER_DEG).any())
 
 
 def _turns_deg(points: np.ndarray) -> np.ndarray:
@@ -211,7 +242,7 @@ def _off_electrodes(points: np.ndarray, marks: list[Curve], extent: float) -> np
     sizes = np.array([max(CLEAR_SIZES * _size(mark), CLEAR_SHARE * extent) for mark in marks])
     clearance = np.minimum(sizes, CLEAR_SPACING * spacing.min(axis=1))
     clear = (np.abs(points[:, None] - middles) > clearance).all(axis=1)
-    return clear | (_turns_deg(points) > CORNER_DEG)
+    return clear | (_turns_deg(points) >= SHARP_DEG)
 
 
 def _without_straight(corners: np.ndarray, tolerance: float) -> np.ndarray:
@@ -280,12 +311,11 @@ def _places(
 
 
 def _corner_sentences(phi: np.ndarray, rim: RimCurve) -> list[str]:
-    """A sentence on electrodes, at angles (n,), that no simulation takes."""
+    """A sentence on electrodes, at angles (n,), that are not simulated as points."""
     offset = phi[:, None] - rim.corner_phi
     offset = np.abs((offset + np.pi) % (2.0 * np.pi) - np.pi)
     at_corner = np.flatnonzero((offset < CORNER_CLEARANCE).any(axis=1))
     if not len(at_corner):
         return []
-    return [
-        f"At a corner, where no simulation takes them: electrodes {listed(at_corner.tolist())}."
-    ]
+    numbers = listed(at_corner.tolist())
+    return [f"At a corner, where they need a width to be simulated: electrodes {numbers}."]

@@ -6,6 +6,7 @@ from scipy.interpolate import CubicSpline
 from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
 from eitskin.effects.identity import Identity, NamedEffect, OtherSide, Substitute
 from eitskin.physics.geometry import Geometry
+from eitskin.physics.outline import is_plain_disc
 from eitskin.quantities import number
 
 HARMONICS = 16  # of a rim, the most that a domain-shape may have
@@ -72,7 +73,7 @@ def axis_text(axis_deg: float) -> str:
 def elliptic_rim(anisotropy: NamedEffect) -> OtherSide | None:
     """Of a disc: gel that conducts alike in all directions, its rim pressed out of round and the
     electrodes with it."""
-    if anisotropy.skin.rim is not None:
+    if not is_plain_disc(anisotropy.skin):
         return None
     geometry, base = anisotropy.geometry, Geometry.from_skin(anisotropy.skin)
     ratio, angle_deg = geometry.anisotropy_ratio, geometry.anisotropy_deg
@@ -94,6 +95,7 @@ class Anisotropy(SkinEffect):
 
     name = "anisotropy"
     driver = "static"
+    beside_inner = False
     parameters = {
         "ratio": Parameter("1", 1.0, 1.0, 10.0, scale=0.05, dense=False),
         "angle_deg": Parameter("°", 0.0, -360.0, 360.0, scale=90.0, dense=False),

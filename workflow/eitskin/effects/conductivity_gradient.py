@@ -12,6 +12,7 @@ class ConductivityGradient(SkinEffect):
     name = "conductivity-gradient"
     driver = "static"
     on_outlines = False
+    beside_inner = False
     parameters = {
         "relative_across": Parameter("1", 0.0, 0.0, 1.5, scale=0.05, dense=False),
         "angle_deg": Parameter("°", 0.0, -360.0, 360.0, scale=90.0, dense=False),

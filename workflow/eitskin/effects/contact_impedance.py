@@ -5,6 +5,7 @@ from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
 from eitskin.effects.gain import EVERY_GAIN, scaled_readings
 from eitskin.effects.identity import Identity, NamedEffect, OtherSide, Substitute
 from eitskin.physics.geometry import Geometry
+from eitskin.physics.outline import is_plain_disc
 from eitskin.quantities import number
 
 
@@ -17,7 +18,7 @@ def scaled_currents(contacts: NamedEffect) -> OtherSide | None:
 
 def scaled_rim(contacts: NamedEffect) -> OtherSide | None:
     """Of contacts all alike: the size of the skin, its electrodes' angles kept."""
-    if contacts.scope != "common" or contacts.skin.rim is not None:
+    if contacts.scope != "common" or not is_plain_disc(contacts.skin):
         return None
     ratio = float(contacts.values["ratio"])
     growth = 1.0 / ratio - 1.0

@@ -7,6 +7,7 @@ from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
 from eitskin.effects.gain import EVERY_GAIN, scaled_readings
 from eitskin.effects.identity import Identity, NamedEffect, OtherSide, Substitute
 from eitskin.physics.geometry import Geometry
+from eitskin.physics.outline import is_plain_disc
 from eitskin.physics.skin import Skin
 from eitskin.quantities import number
 
@@ -24,7 +25,7 @@ def directed_gel(shape: NamedEffect) -> OtherSide | None:
     """Of a rim of harmonic 2, its electrodes' angles kept: a circle of gel that conducts better
     across the rim's long axis, by ln ratio = 2 amplitude, to first order. Conformal maps to the
     circle move the electrodes by amplitude sin(2 phi - phase) in both cases."""
-    if shape.values["harmonic"] != 2 or shape.skin.rim is not None:
+    if shape.values["harmonic"] != 2 or not is_plain_disc(shape.skin):
         return None
     ratio = float(np.exp(2.0 * shape.values["amplitude"]))
     angle_deg = 0.5 * shape.values["phase_deg"] + 90.0
@@ -38,7 +39,7 @@ def directed_gel(shape: NamedEffect) -> OtherSide | None:
 
 def _conductivity_ratio(shape: NamedEffect) -> float | None:
     """Of harmonic 0: the factor of the conductivity that changes readings as the size does."""
-    if shape.values["harmonic"] != 0 or shape.skin.rim is not None:
+    if shape.values["harmonic"] != 0 or not is_plain_disc(shape.skin):
         return None
     phase = float(np.cos(np.radians(shape.values["phase_deg"])))
     return 1.0 / (1.0 + shape.values["amplitude"] * phase)

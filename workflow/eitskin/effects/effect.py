@@ -6,10 +6,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from eitskin.effects.identity import Identity
 from eitskin.physics.force_history import ForceHistory
 from eitskin.physics.geometry import Geometry
+from eitskin.physics.outline import inside_mm
 from eitskin.physics.skin import Skin
 
 STAGES = ("touch", "skin", "wiring", "instrument", "clock")
@@ -89,6 +91,7 @@ class Effect:
     diagnosis names one; tone: whether it is a steady tone, whose `frequency_Hz` a periodogram
     finds; disc: whether it multiplies the conductivity by `contrast` within a disc at `x_mm`,
     `y_mm` of `radius_mm`; on_outlines: whether it is modelled on skins that are no discs;
+    beside_inner: and on skins with electrodes inside;
     identities: other causes of the same readings, which a diagnosis names beside it.
     """
 
@@ -116,6 +119,7 @@ class Effect:
     tone = False
     disc = False
     on_outlines = True
+    beside_inner = True
     identities: tuple[Identity, ...] = ()
 
     @property
@@ -123,6 +127,11 @@ class Effect:
         """Whether there may be more than one of it: discs, or entries with different values of a
         parameter that no fit can move."""
         return self.disc or any(parameter.whole for parameter in self.parameters.values())
+
+    def is_modelled(self, skin: Skin) -> bool:
+        """Whether it is modelled on a skin of this outline with these electrodes."""
+        beside_electrodes = self.beside_inner or inside_mm(skin) is None
+        return beside_electrodes and (self.on_outlines or skin.rim is None)
 
     def is_stated(self, skin: Skin, touched: bool) -> bool:
         """Whether what it needs is stated of the skin; touched: whether anybody touches it."""
@@ -136,6 +145,14 @@ class Effect:
     def neutral(self, key: str, skin: Skin) -> float | None:
         """A parameter's value at which the effect does nothing to `skin`, None: there is none."""
         return self.parameters[key].neutral
+
+    def neutral_at(self, key: str, skin: Skin, sites: ArrayLike | None) -> float | None:
+        """`neutral` of a parameter at definite sites, where these differ."""
+        return self.neutral(key, skin)
+
+    def site_groups(self, skin: Skin, kind: str, count: int) -> list[tuple[int, ...]]:
+        """The sites of a kind, of which there are so many, by what the effect does there."""
+        return [tuple(range(count))]
 
     def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:
         """Values of parameters without a neutral one from which fits start, one dict a start.

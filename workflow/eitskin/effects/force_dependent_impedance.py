@@ -41,7 +41,7 @@ class ForceDependentImpedance(SkinEffect):
         assert setting.sites is not None
         weight = np.ones(len(setting.sites))
         if setting.values["range_mm"] is not None:
-            centre = geometry.rim(np.radians(geometry.electrode_deg[setting.sites]))
+            centre = geometry.electrode_place[setting.sites]
             distance_mm = np.abs(centre - complex(moment.x_mm, moment.y_mm))
             weight = np.exp(-((distance_mm / setting.values["range_mm"]) ** 2))
         impedivity = geometry.contact_impedivity_ohm_m2.copy()

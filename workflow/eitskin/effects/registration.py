@@ -5,13 +5,14 @@ import pandas as pd
 
 from eitskin.effects.effect import Frames, Parameter, Setting, TouchEffect
 from eitskin.effects.identity import Identity, NamedEffect, OtherSide, Substitute
+from eitskin.physics.outline import is_plain_disc
 from eitskin.quantities import number
 
 
 def _turned_electrodes(registration: NamedEffect, shifted: bool) -> OtherSide | None:
     """Of a disc: all electrodes turned the other way, about touches where they are reported, or
     `shifted` still. Nothing else on the skin may have a direction."""
-    if registration.skin.rim is not None:
+    if not is_plain_disc(registration.skin):
         return None
     turn_deg = float(registration.values["rotation_deg"])
     low, high = registration.interval("rotation_deg")

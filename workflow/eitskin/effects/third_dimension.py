@@ -26,6 +26,7 @@ class ThirdDimension(SkinEffect):
     name = "third-dimension"
     driver = "static"
     on_outlines = False
+    beside_inner = False
     needs = ("electrode_height_mm",)
     parameters = {
         "depth_mm": Parameter("mm", None, 0.1, 1000.0, scale=0.3, dense=False, optional=True),

@@ -52,7 +52,12 @@ class DiscMap:
         self.phi, self.centre = phi, centre
         self.scale = np.abs(rim - centre).max()
         self._rim = rim - centre
-        self._poles = Poles((poles.place - centre) / self.scale, poles.distance / self.scale)
+        self._poles = Poles(
+            (poles.place - centre) / self.scale,
+            poles.distance / self.scale,
+            poles.inward,
+            (poles.beyond - centre) / self.scale,
+        )
         basis = _real_basis(self._rim / self.scale, self._poles)
         self._directions, self._triangle = np.linalg.qr(basis)
         full_series = self._fitted(-np.log(np.abs(self._rim)))
@@ -81,8 +86,22 @@ class DiscMap:
         """The derivative of f as the rim points move with `rim_velocity` (N,) complex, in mm per
         unit of a parameter."""
         slope = self.series(self._rim, 1)[1]
-        change = -np.real(rim_velocity / self._rim) - np.real(slope * rim_velocity)
-        return MapVelocity(self, self._series_of(self._fitted(change)))
+        drift = self._drift(rim_velocity)
+        relative = rim_velocity if drift is None else rim_velocity - drift(self._rim, 0)[0]
+        change = -np.real(rim_velocity / self._rim) - np.real(slope * relative)
+        return MapVelocity(self, self._series_of(self._fitted(change)), drift)
+
+    def _drift(self, rim_velocity: np.ndarray) -> "Series | None":
+        """An analytic velocity that carries the corners that point inwards along, at which f' is
+        infinite; None without any."""
+        poles = self._poles
+        if not len(poles.inward):
+            return None
+        corners = self._rim[poles.inward] / self.scale
+        distance = np.abs(corners - poles.beyond)
+        shares = distance / (corners[:, None] - poles.beyond)
+        residues = np.linalg.solve(shares, rim_velocity[poles.inward]) * distance
+        return Series(np.zeros(1, complex), self.scale, poles=poles.beyond, residues=residues)
 
     def _fitted(self, rim_values: np.ndarray) -> np.ndarray:
         """Complex coefficients, of powers and then of poles, whose function's real part on the rim
@@ -96,16 +115,22 @@ class DiscMap:
 
 
 class MapVelocity:
-    """The derivative of a DiscMap, as a function of the place: f_dot = f F_dot."""
+    """The derivative of a DiscMap, as a function of the place: f_dot = f F_dot, with F_dot a
+    series, less F' times the velocity `drift` of corners that point inwards."""
 
-    def __init__(self, disc_map: DiscMap, series: "Series"):
-        self._map, self._series = disc_map, series
+    def __init__(self, disc_map: DiscMap, series: "Series", drift: "Series | None"):
+        self._map, self._series, self._drift = disc_map, series, drift
 
     def derivatives(self, z: np.ndarray, order: int) -> list[np.ndarray]:
         """[f_dot, f_dot', ... up to `order` <= 2] at z (Leibniz)."""
         f = self._map.derivatives(z, order)
         g = self._series(z - self._map.centre, order)
         binomial = [[1], [1, 1], [1, 2, 1]]
+        if self._drift is not None:
+            slopes = self._map.series(z - self._map.centre, order + 1)[1:]
+            drift = self._drift(z - self._map.centre, order)
+            for n in range(order + 1):
+                g[n] -= sum(binomial[n][k] * slopes[n - k] * drift[k] for k in range(n + 1))
         return [
             sum(binomial[n][k] * f[n - k] * g[k] for k in range(n + 1)) for n in range(order + 1)
         ]

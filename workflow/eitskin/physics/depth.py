@@ -27,7 +27,7 @@ from scipy.special import erf, erfc, spherical_jn
 from eitskin.errors import InputError
 from eitskin.physics.bessel_ratios import cylinder_response
 from eitskin.physics.column_touch import ColumnTouch
-from eitskin.physics.electrodes import Electrodes
+from eitskin.physics.electrodes import Electrodes, OnRim
 from eitskin.physics.forward import Accuracy, Forward
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.touch import PanelSizes, Touch, TouchEdge, graded_panels
@@ -240,7 +240,7 @@ def _rung_below(length: float) -> float:
     return float(LADDER ** np.floor(np.log(length) / np.log(LADDER)))
 
 
-class BodyElectrodes:
+class BodyElectrodes(OnRim):
     """Electrodes of partial height, with the interface of Electrodes; order = across * up modes
     each.
 
@@ -260,6 +260,7 @@ class BodyElectrodes:
             expected = f"poorer contacts, that {MOST_MODES} modes resolve"
             raise InputError("skin", "contact_impedivity_ohm_m2", actual, expected)
         self.order = self.across * self.up
+        self.whole = np.arange(self.n) * self.order
         self.rim = sheet.rim
         self._choose_orders(accuracy)
         self._place()

@@ -1,6 +1,7 @@
 """Touches with even nodes, several at once: as TouchEdge computes one, without the overhead."""
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -37,6 +38,11 @@ class EvenTouches:
         """(P, points, 2 degree): as TouchEdge's; rim (points,), or each touch's own (P, points)."""
         return self.field.potential(rim)
 
+    def response_within(self, zeta: np.ndarray) -> np.ndarray:
+        """(P, points, 2 degree): as TouchEdge's, at points (points,)."""
+        nodes, dzeta = (a[:, None, :] for a in (self.field.zeta, self.field.dzeta))
+        return neumann.flux_kernel(zeta[:, None], nodes, dzeta) @ self.field.values
+
 
 def by_resolution(gaps: np.ndarray, accuracy: TouchAccuracy) -> dict[tuple[int, int], np.ndarray]:
     """Indices (K,) of the touches that have even nodes, by multipoles and nodes (degree, count);
@@ -61,17 +67,18 @@ def even_touches(
     geometry: Geometry,
     disc: DiscMap,
     accuracy: TouchAccuracy,
-    rim_points: int,
+    electrodes: Any,
 ) -> Iterator[tuple[list[Place], EvenTouches]]:
     """Yield the places whose touches have even nodes, batch by batch, with their EvenTouches;
-    `rim_points`: how many rim points each acts on."""
+    electrodes: an Electrodes on which each acts. Raises InputError as its `clearance`."""
     places = [place for place in places if place[2] > 0]
     if not places:
         return
     x, y, radius = np.array(places).T[:, :, None]
     circles = Circle(x + 1j * y, radius, geometry, disc)
-    for (degree, count), indices in by_resolution(circles.rim_gaps(), accuracy).items():
-        batch = touches_per_batch(BATCH_BYTES, degree, count, rim_points)
+    gaps = np.minimum(circles.rim_gaps(), electrodes.clearance(circles))
+    for (degree, count), indices in by_resolution(gaps, accuracy).items():
+        batch = touches_per_batch(BATCH_BYTES, degree, count, len(electrodes.nodes))
         for start in range(0, len(indices), batch):
             selection = indices[start : start + batch]
             yield (

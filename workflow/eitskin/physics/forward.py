@@ -20,21 +20,30 @@ from scipy.linalg import block_diag, cho_factor, cho_solve, solve_triangular
 
 from eitskin import cores
 from eitskin.errors import InputError
+from eitskin.physics.all_electrodes import RimAndInnerElectrodes
 from eitskin.physics.arrays import as_in, library
 from eitskin.physics.conformal import DiscMap
 from eitskin.physics.contact_current import EvenCurrent
+from eitskin.physics.electrode_pieces import pieces
 from eitskin.physics.electrodes import ElectrodeMotion, Electrodes
 from eitskin.physics.even_touches import even_touches
 from eitskin.physics.geometry import Geometry, RimMotion
 from eitskin.physics.gradient import GradientBulk
 from eitskin.physics.poles import Fineness, RimSample, placed
 from eitskin.physics.rim_curve import inside
-from eitskin.physics.touch import EdgeMotion, Surroundings, Touch, TouchAccuracy, TouchEdge
+from eitskin.physics.touch import Circle, EdgeMotion, Surroundings, Touch, TouchAccuracy, TouchEdge
 from eitskin.physics.touch_cache import ContactCoupling, Place, TouchCache, TouchCoupling
 
 # Poles of an outline's conformal map, tried in turn until its defect is FINE_DEFECT.
 FINENESSES = (Fineness(20, 0.5), Fineness(28, 0.35), Fineness(40, 0.3), Fineness(56, 0.25))
+# Of a curve besides: poles nearer to it, where its derivatives jump.
+BESIDE_CURVES = Fineness(56, 0.3, 0.1, 1600)
+# Where these do not do: most poles where the rim is most singular.
+AT_INWARD_CORNERS = Fineness(20, 0.25, re_entrant=3.6)
+MOST_POLES = 2000  # of a map; more take a minute
 FINE_DEFECT, COARSE_DEFECT = 1e-8, 1e-5
+# Times a map's defect, or that of rounding, that it may have between the points it is fitted to.
+BETWEEN_SHARE, ROUNDING_DEFECT = 10.0, 1e-11
 # Of a defect in the least arc of an electrode, which narrow skins crowd on the disc: wanted, most.
 FINE_SHARE, COARSE_SHARE = 1e-5, 1e-4
 OUTLINE_EFFORT, OUTLINE_TOUCH_EFFORT = 5.0, 0.6  # of a new map with poles, of a place on it
@@ -47,6 +56,7 @@ PLACES_PER_SOLVE = 64  # places of one batched eigenproblem
 PLACES_PER_TASK = 32  # new places that one process computes at a time
 PLACES_PER_BATCH = 16 * PLACES_PER_SOLVE  # bounds the memory of couplings awaiting their solution
 PARALLEL_EFFORT = 100.0  # in solved sheets; below it, starting processes costs more than it saves
+SLOPE_STEP = 1e-3  # of a value, a width or the rim's mm: half a central difference
 LEAST_MASS = 1e-12  # of the heaviest multipole's mass; below it a multipole is rounding
 
 
@@ -66,9 +76,10 @@ class Accuracy:
     def modes(self, geometry: Geometry) -> int:
         """Modes of the current on one electrode. Raises InputError for contacts too good to be
         resolved."""
-        if geometry.points:
+        if geometry.points or not geometry.has_rim:
             return 1
-        relative_length = float((geometry.contact_length_mm / geometry.electrode_width_mm).min())
+        relative_lengths = geometry.contact_length_mm / geometry.electrode_width_mm
+        relative_length = float(relative_lengths[geometry.on_rim].min())
         if relative_length < BEST_CONTACT:
             actual = f"{relative_length:.1e} for z sigma / width"
             raise InputError(
@@ -205,7 +216,11 @@ class Forward:
                 actual, expected = f"{geometry.gradient_across:g}", "0 on a skin that is no disc"
                 raise InputError("skin", "gradient_across", actual, expected)
             self.bulk = GradientBulk(geometry, self.disc) if geometry.gradient_across else None
-            self.electrodes = Electrodes(geometry, self.disc, modes, self.bulk)
+            if geometry.electrode_inside_mm is None:
+                self.electrodes = Electrodes(geometry, self.disc, modes, self.bulk)
+            else:
+                touch_accuracy = self.accuracy.touch
+                self.electrodes = RimAndInnerElectrodes(geometry, self.disc, modes, touch_accuracy)
         if geometry.outline:
             self.touch_effort = OUTLINE_TOUCH_EFFORT
         self.sheet_resistance = geometry.sheet_resistance_ohm
@@ -216,12 +231,12 @@ class Forward:
         return 8 * len(self._inner) ** 2
 
     def _relax_electrodes(self, matrix: np.ndarray) -> None:
-        """Set the transfer impedance: the Schur complement of `matrix` (n order, n order) on the
+        """Set the transfer impedance: the Schur complement of `matrix` (size, size) on the
         electrodes' whole currents, which the inner modes take at least power."""
-        n, order = self.electrodes.n, self.electrodes.order
-        is_whole = np.zeros(n * order, dtype=bool)
-        is_whole[::order] = True
-        self._whole, self._inner = np.flatnonzero(is_whole), np.flatnonzero(~is_whole)
+        n = self.electrodes.n
+        is_inner = np.ones(len(matrix), dtype=bool)
+        is_inner[self.electrodes.whole] = False
+        self._whole, self._inner = self.electrodes.whole, np.flatnonzero(is_inner)
         self._inner_factor: tuple[np.ndarray, bool] | None = None
         self._inner_currents = np.zeros((0, n))
         self._relative = matrix[np.ix_(self._whole, self._whole)]
@@ -273,9 +288,16 @@ class Forward:
     def edge(self, touch: Touch, touch_clearance: float = np.inf) -> TouchEdge:
         """The touch's edge and multipoles at this accuracy; touch_clearance: distance to the
         nearest other touch, in radii."""
-        surroundings = Surroundings(touch_clearance)
-        accuracy = self.accuracy.touch
+        clearance = min(touch_clearance, self.clearance(touch))
+        surroundings, accuracy = Surroundings(clearance), self.accuracy.touch
         return TouchEdge(touch, self.geometry, self.disc, accuracy, surroundings, self.bulk)
+
+    def clearance(self, touch: Touch) -> float:
+        """Distance of a touch from the nearest electrode inside the skin, in radii; infinite
+        without any. Raises InputError for a touch that meets one."""
+        centre, radius = complex(touch.x_mm, touch.y_mm), touch.radius_mm
+        circle = Circle(np.array([[centre]]), np.array([[radius]]), self.geometry, self.disc)
+        return float(self.electrodes.clearance(circle)[0])
 
     def place(self, x_mm: float, y_mm: float, radius_mm: float) -> TouchModes:
         """The modes of a touch at one place, for every contrast at once."""
@@ -324,9 +346,13 @@ class Forward:
         couplings: dict[Place, TouchCoupling] = {}
         if self.bulk:
             return couplings
-        accuracy, rim = self.accuracy.touch, self.electrodes.rim
-        for group, even_group in even_touches(places, self.geometry, self.disc, accuracy, len(rim)):
-            coupling = self.electrodes.project(even_group.rim_response(rim))
+        covers = self.electrodes.covers(places)
+        places = [place for place, is_cover in zip(places, covers, strict=True) if not is_cover]
+        accuracy, electrodes = self.accuracy.touch, self.electrodes
+        for group, even_group in even_touches(
+            places, self.geometry, self.disc, accuracy, electrodes
+        ):
+            coupling = electrodes.coupling(even_group)
             arrays = zip(even_group.mass, even_group.self_response, coupling, strict=True)
             couplings.update(zip(group, starmap(TouchCoupling, arrays), strict=True))
         return couplings
@@ -334,7 +360,10 @@ class Forward:
     def _place_modes(
         self, places: list[Place], couplings: dict[Place, TouchCoupling]
     ) -> list[TouchModes]:
-        touches = [self._coupling(place, computed=couplings.get(place)) for place in places]
+        touches = [
+            self._with_covered(place, self._coupling(place, computed=couplings.get(place)))
+            for place in places
+        ]
         by_size: dict[int, list[int]] = {}
         for i, touch in enumerate(touches):
             by_size.setdefault(len(touch.mass), []).append(i)
@@ -358,6 +387,9 @@ class Forward:
         skin.
         """
         place = x_mm, y_mm, radius_mm
+        if self.electrodes.covers([place])[0]:
+            place_text = f"({x_mm:g}, {y_mm:g}) mm, over an electrode inside the skin"
+            raise InputError("touch", "leak at the touch", place_text, "a touch beside it")
         edge = cache(lambda: self.edge(Touch(*place)))
         touch = self._coupling(place, edge)
         current = self._touch_cache.get(ContactCoupling, place, lambda: self._even_current(edge()))
@@ -384,7 +416,7 @@ class Forward:
             actual = "a gradient of the conductivity"
             raise InputError("skin", "leak at the touch", actual, "none")
         current = EvenCurrent(edge)
-        to_electrodes = self.electrodes.project(current.potential(self.electrodes.rim)[:, None])
+        to_electrodes = self.electrodes.project(current.potential(self.electrodes.nodes)[:, None])
         to_touch = current.mean_response(edge)
         return ContactCoupling(to_electrodes[:, 0], to_touch, current.power, current.inner_power)
 
@@ -410,8 +442,20 @@ class Forward:
             self._to_electrodes(touch_edge),
         )
 
+    def _with_covered(self, place: Place, touch: TouchCoupling) -> TouchCoupling:
+        """The coupling of a touch with what it does to electrodes inside that it covers, which
+        depends on their contacts."""
+        if not self.electrodes.covers([place])[0]:
+            return touch
+        within = self.electrodes.covered(place)
+        return TouchCoupling(
+            block_diag(touch.mass, np.eye(len(within.response))),
+            block_diag(touch.response, within.response),
+            np.hstack([touch.coupling, within.coupling]),
+        )
+
     def _to_electrodes(self, edge: TouchEdge) -> np.ndarray:
-        coupling = self.electrodes.project(edge.rim_response(self.electrodes.rim))
+        coupling = self.electrodes.coupling(edge)
         if self.bulk:
             coupling += self.electrodes.spread @ self.bulk.matrix @ edge.polar_spread.T
         return coupling
@@ -431,7 +475,7 @@ class Forward:
 
     def _relax(self, coupling: np.ndarray, response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gains (..., n, k) and response (..., k, k) of sources that couple to the electrodes'
-        modes by `coupling` (..., n order, k), after the electrodes' inner modes have relaxed."""
+        modes by `coupling` (..., size, k), after the electrodes' inner modes have relaxed."""
         inner = coupling[..., self._inner, :]
         gains = coupling[..., self._whole, :] + self._inner_currents.T @ inner
         if self._inner_factor is not None:
@@ -447,16 +491,15 @@ class Forward:
         return gains, response
 
     def unit_currents(self) -> np.ndarray:
-        """(n order, n): currents in the electrodes' modes for a unit current into each
-        electrode."""
+        """(size, n): currents in the electrodes' modes for a unit current into each electrode."""
         n = self.electrodes.n
-        currents = np.zeros((n * self.electrodes.order, n))
+        currents = np.zeros((len(self._whole) + len(self._inner), n))
         currents[self._whole, range(n)] = 1.0
         currents[self._inner] = self._inner_currents
         return currents
 
     def _solve(self, touches: Sequence[Touch]) -> tuple[np.ndarray, np.ndarray, list, list]:
-        """Relative impedance (n, n), currents in the electrodes' modes (n order, n), edges of the
+        """Relative impedance (n, n), currents in the electrodes' modes (size, n), edges of the
         touches and their multipoles (2 degree, n)."""
         touches = [touch for touch in touches if abs(touch.contrast) > LEAST_CONTRAST]
         edges = [
@@ -466,19 +509,32 @@ class Forward:
         currents = self.unit_currents()
         if not edges:
             return self._relative, currents, [], []
-        coupling = np.hstack([self._to_electrodes(edge) for edge in edges])
+        places = [(touch.x_mm, touch.y_mm, touch.radius_mm) for touch in touches]
+        currents_within = {
+            touch: self.electrodes.covered(place)
+            for touch, place in zip(touches, places, strict=True)
+            if self.electrodes.covers([place])[0]
+        }
+        to_electrodes = [self._to_electrodes(edge) for edge in edges]
+        coupling = np.hstack(
+            [*to_electrodes, *(part.coupling for part in currents_within.values())]
+        )
         gains = coupling[self._whole] + self._inner_currents.T @ coupling[self._inner]
         system = np.block([[self._mutual_response(a, b) for b in edges] for a in edges])
         system += block_diag(
             *(edge.mass / touch.contrast for edge, touch in zip(edges, touches, strict=True))
         )
+        for touch, part in currents_within.items():
+            mass = np.eye(len(part.response))
+            system = block_diag(system, part.response + mass / touch.contrast)
         relaxed = np.zeros((0, coupling.shape[1]))
         if len(self._inner):
             relaxed = cho_solve(self._inner_factor, coupling[self._inner])
             system = system - coupling[self._inner].T @ relaxed
         multipoles = -np.linalg.solve(system, gains.T)
         currents[self._inner] -= relaxed @ multipoles
-        split = np.split(multipoles, np.cumsum([len(edge.mass) for edge in edges])[:-1])
+        ends = np.cumsum([len(edge.mass) for edge in edges])
+        split = np.split(multipoles, ends)[: len(edges)]
         change = gains @ multipoles
         return self._relative + 0.5 * (change + change.T), currents, edges, split
 
@@ -487,6 +543,8 @@ class Forward:
         touches."""
         g, n = self.geometry, self.electrodes.n
         names = ["conductivity_S_per_m", "thickness_mm"]
+        if len(g.inner):
+            return names + _inner_parameters(g) + [f"contrast[{i}]" for i in range(len(touches))]
         names += [f"electrode_deg[{i}]" for i in range(n)]
         if not g.points:
             names += [f"electrode_width_mm[{i}]" for i in range(n)]
@@ -502,7 +560,7 @@ class Forward:
         """d impedance / d parameter, (n, n) ohm per unit, by name; all `parameters()` by default.
 
         Raises InputError for touches of contrast 0, clipped ones and those held off the rim, which
-        have no derivatives here.
+        have no derivatives here; with electrodes inside, for parameters but `parameters()`.
         """
         if self.bulk:
             actual = f"{self.geometry.gradient_across:g}"
@@ -510,9 +568,92 @@ class Forward:
         for touch in touches:
             if abs(touch.contrast) <= LEAST_CONTRAST:
                 raise InputError("touch", "contrast", touch.contrast, "one to differentiate by")
+        if len(self.geometry.inner):
+            return self._inner_derivatives(touches, parameters)
         slope = _Slopes(self, *self._solve(touches))
         names = self.parameters(touches) if parameters is None else parameters
         return {name: self.sheet_resistance * slope.derivative(name) for name in names}
+
+    def _inner_derivatives(
+        self, touches: Sequence[Touch], parameters: list[str] | None
+    ) -> dict[str, np.ndarray]:
+        """`derivatives` of a skin with electrodes inside."""
+        known = self.parameters(touches)
+        names = known if parameters is None else parameters
+        for name in names:
+            if name not in known:
+                expected = f"one of {', '.join(known)}"
+                raise InputError("skin", "derivatives beside electrodes inside", name, expected)
+        for touch in touches:
+            if self.electrodes.covers([(touch.x_mm, touch.y_mm, touch.radius_mm)])[0]:
+                place = f"({touch.x_mm:g}, {touch.y_mm:g}) mm, over an electrode inside"
+                raise InputError("touch", "derivatives", place, "a touch beside it")
+        slopes = _InnerSlopes(self, *self._solve(touches))
+        return {name: self.sheet_resistance * slopes.derivative(name) for name in names}
+
+
+@dataclass(frozen=True)
+class _InnerSlopes:
+    """dR = X^T dS X of a skin with electrodes inside, dS a central difference: as _Slopes."""
+
+    forward: Forward
+    relative: np.ndarray
+    currents: np.ndarray
+    edges: list[TouchEdge]
+    multipoles: list[np.ndarray]
+
+    def derivative(self, parameter: str) -> np.ndarray:
+        kind, _, index = parameter.rstrip("]").partition("[")
+        if kind == "contrast":
+            edge, amplitude = self.edges[int(index)], self.multipoles[int(index)]
+            return -(amplitude.T @ edge.mass @ amplitude) / edge.touch.contrast**2
+        g = self.forward.geometry
+        if kind in ("electrode_x_mm", "electrode_y_mm"):
+            step = SLOPE_STEP * (g.electrode_width_mm[int(index)] or 1.0)
+            slope = self._difference("electrode_inside_mm", index, step, kind[10] == "y")
+        elif kind == "electrode_deg":
+            slope = self._difference(kind, index, np.degrees(SLOPE_STEP / g.radius_mm), False)
+        else:
+            value = float(np.asarray(getattr(g, kind), float)[int(index) if index else ()])
+            slope = self._difference(kind, index, SLOPE_STEP * value, False)
+            if not index:
+                slope = slope - self.relative / value
+        return slope
+
+    def _difference(self, field: str, index: str, step: float, across: bool) -> np.ndarray:
+        """(n, n): X^T dS X over twice the step; across: of the imaginary part."""
+        electrodes, slope = self.forward.electrodes, np.zeros_like(self.relative)
+        for sign in (1.0, -1.0):
+            change = sign * step * (1j if across else 1.0)
+            value = getattr(self.forward.geometry, field)
+            if index:
+                value = value.copy()
+                value[int(index)] += change
+            else:
+                value = value + change
+            geometry = self.forward.geometry.with_values(**{field: value})
+            beside = (
+                electrodes.with_contacts(geometry)
+                if geometry.same_outline(self.forward.geometry)
+                else electrodes.on(geometry)
+            )
+            power = self.currents.T @ np.nan_to_num(beside.matrix) @ self.currents
+            for edge, amplitude in zip(self.edges, self.multipoles, strict=True):
+                cross = self.currents.T @ (beside.coupling(edge) @ amplitude)
+                power = power + cross + cross.T
+            slope += sign * power / (2.0 * step)
+        return slope + np.where(np.isnan(self.relative), np.nan, 0.0)
+
+
+def _inner_parameters(geometry: Geometry) -> list[str]:
+    """Parameters of the electrodes of a skin with some inside: places, widths and contacts."""
+    names = [f"electrode_deg[{i}]" for i in geometry.on_rim]
+    names += [f"electrode_{axis}_mm[{i}]" for axis in "xy" for i in geometry.inner]
+    if geometry.points:
+        return names
+    everywhere = range(len(geometry.electrode_deg))
+    kinds = ("electrode_width_mm", "contact_impedivity_ohm_m2")
+    return names + [f"{kind}[{i}]" for kind in kinds for i in everywhere]
 
 
 class _Slopes:
@@ -531,11 +672,11 @@ class _Slopes:
         self.electrodes = forward.electrodes
         self.density = self.electrodes.density(currents)
         self.field = self.electrodes.field(self.density)
-        self.amplitude = currents.reshape(self.electrodes.n, self.electrodes.order, -1)
+        self.amplitude = self.electrodes.of_pieces(currents)
 
     @cached_property
     def contact_blocks(self) -> np.ndarray:
-        """(n, order, order): contact drop of every electrode."""
+        """(m, order, order): contact drop of every piece of the electrodes."""
         return self.electrodes.contact_blocks()
 
     def derivative(self, parameter: str) -> np.ndarray:
@@ -564,9 +705,9 @@ class _Slopes:
     def _contact_drop(self, electrode: int) -> np.ndarray:
         if self.geometry.points:
             return np.zeros_like(self.relative)
-        block = self.contact_blocks[electrode]
-        amplitude = self.amplitude[electrode]
-        return amplitude.T @ block @ amplitude
+        selection = self.electrodes.pieces.of(electrode)
+        amplitude = self.amplitude[selection]
+        return np.sum(amplitude.mT @ self.contact_blocks[selection] @ amplitude, axis=0)
 
     def _skin_motion_slope(self, motion: RimMotion) -> np.ndarray:
         forward, g = self.forward, self.geometry
@@ -642,8 +783,12 @@ def disc_map(geometry: Geometry) -> DiscMap:
 
 def _poled_map(geometry: Geometry) -> DiscMap:
     """The map with poles. Raises ValueError where none fits the rim."""
-    best, refusal = None, None
-    for fineness in FINENESSES:
+    best, refusal, crowding = None, None, 0.0
+    assert geometry.outline is not None
+    beside_curves = [BESIDE_CURVES] if geometry.outline.smooth else []
+    for fineness in (*FINENESSES, *beside_curves, AT_INWARD_CORNERS):
+        if fineness == AT_INWARD_CORNERS and best and best.defect < COARSE_SHARE * crowding:
+            return best
         mapped = _map_at(geometry, fineness)
         if isinstance(mapped, ValueError):
             refusal = mapped
@@ -666,25 +811,57 @@ def _map_at(geometry: Geometry, fineness: Fineness) -> DiscMap | ValueError:
     differ in their electrodes, contacts or patches alone."""
     key = geometry.rim_key(), fineness
     if key not in _maps:
-        phi, corners = geometry.rim_phi(fineness.most_at_corner)
+        phi, corners = geometry.rim_phi(fineness.most_at_corner, fineness.even_points)
         place, slope = (geometry.unfold(geometry.rim(phi, order)) for order in (0, 1))
         length = np.abs(slope) * 0.5 * (np.roll(phi, -1) - np.roll(phi, 1)) % np.pi
-        sample = RimSample(place, -1j * slope / np.abs(slope), length, corners)
+        assert geometry.outline is not None
+        bent = geometry.outline.is_bent(phi)
+        sample = RimSample(place, -1j * slope / np.abs(slope), length, bent, corners)
         while len(_maps) >= KEPT_MAPS:
             _maps.pop(next(iter(_maps)))
         try:
             poles = placed(sample, fineness)
-            _maps[key] = DiscMap(place, phi, poles, geometry.centre, COARSE_DEFECT)
+            if len(poles.place) > MOST_POLES:
+                actual = f"it takes {len(poles.place)} poles"
+                raise ValueError(f"rim too rough for a conformal map: {actual}")
+            mapped = DiscMap(place, phi, poles, geometry.centre, COARSE_DEFECT)
+            _maps[key] = _checked(mapped, geometry)
         except ValueError as error:
             _maps[key] = error
     return _maps[key]
 
 
+def _checked(mapped: DiscMap, geometry: Geometry) -> DiscMap:
+    """The map unchanged. Raises ValueError where it is one on its points of the rim alone."""
+    phi = mapped.phi
+    assert phi is not None
+    middle = phi + 0.5 * ((np.roll(phi, -1) - phi) % (2.0 * np.pi))
+    with np.errstate(over="ignore", invalid="ignore"):
+        size = np.abs(mapped(geometry.unfold(geometry.rim(middle))))
+    between = float(np.abs(size - 1.0).max())
+    if not between <= BETWEEN_SHARE * max(mapped.defect, ROUNDING_DEFECT):
+        actual = f"| |f| - 1 | = {between:.1e} between its points"
+        raise ValueError(f"rim too rough for a conformal map: {actual}")
+    return mapped
+
+
 def _least_arc(geometry: Geometry, disc: DiscMap) -> float:
     """Of all electrodes, the least angle that spans one on the disc, rad; of points, 1 mm."""
-    place = geometry.unfold(geometry.rim(np.radians(geometry.electrode_deg)))
+    place = geometry.unfold(geometry.electrode_place)
     width = 1.0 if geometry.points else geometry.electrode_width_mm
-    return float((np.abs(disc.derivatives(place, 1)[1]) * width).min())
+    arcs = np.abs(disc.derivatives(place, 1)[1]) * width
+    if not geometry.has_rim:
+        return float(arcs.min())
+    inner_arcs, arcs = arcs[geometry.inner], arcs[geometry.on_rim]
+    geometry = geometry.rim_part
+    middle, split = np.radians(geometry.electrode_deg), pieces(geometry)
+    round_corner = np.flatnonzero(np.bincount(split.electrode) > 1)
+    if len(round_corner):
+        half = geometry.electrode_width_mm[round_corner] / (2.0 * geometry.radius_mm)
+        ends = middle[round_corner] + np.multiply.outer([1.0, -1.0], half)
+        stop, start = disc(geometry.unfold(geometry.rim(ends)))
+        arcs[round_corner] = np.angle(stop / start) % (2.0 * np.pi)
+    return float(min(arcs.min(), inner_arcs.min(initial=np.inf)))
 
 
 def _clearances(touches: list[Touch]) -> list[float]:

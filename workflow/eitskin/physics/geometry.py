@@ -11,12 +11,12 @@ import numpy as np
 from eitskin.errors import InputError
 from eitskin.physics import outline
 from eitskin.physics.arrays import as_in
-from eitskin.physics.rim_curve import RimCurve
+from eitskin.physics.rim_curve import EVEN_POINTS, RimCurve, distance, inside
 from eitskin.physics.skin import Skin
 
 ROUND_POINTS = 256  # of a sampled round rim: more than twice the conformal map's degree
 DRAWN_POLES = 8  # of corners of a rim that has moved, where places are sought within it
-CORNER_CLEARANCE = 1e-3  # radians of the rim's length between an electrode and a corner
+CORNER_CLEARANCE = 1e-3  # radians of the rim's length between a point electrode and a corner
 RIM = {
     *("radius_mm", "shape_cos", "shape_sin", "stretch_x", "stretch_y"),
     *("anisotropy_ratio", "anisotropy_deg", "outline"),
@@ -58,6 +58,9 @@ class Geometry:
     (2 radius); width 0 makes it a point. Conductivity along `anisotropy_deg` over that across is
     `anisotropy_ratio`, geometric mean `conductivity_S_per_m`; it rises towards `gradient_deg` by
     `gradient_across` of itself from rim to rim; each of the `patches` multiplies it within a disc.
+    electrode_inside_mm (n,) complex: before the stretch, the centre of each electrode inside the
+    skin, a disc as wide as the electrode; NaN of those on the rim, None where all are. The angle of
+    an electrode inside is of no effect.
     Raises InputError for values that make no skin.
     """
 
@@ -80,10 +83,12 @@ class Geometry:
     deep: bool = False
     patches: tuple[Patch, ...] = ()
     outline: RimCurve | None = None
+    electrode_inside_mm: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         angle = np.asarray(self.electrode_deg, dtype=float)
         object.__setattr__(self, "electrode_deg", angle)
+        self._set_inside()
         for name in ("electrode_width_mm", "contact_impedivity_ohm_m2"):
             value = np.broadcast_to(np.asarray(getattr(self, name), float), angle.shape).copy()
             if not (value >= 0).all():
@@ -95,28 +100,72 @@ class Geometry:
         for name in ("radius_mm", "thickness_mm", "conductivity_S_per_m", "anisotropy_ratio"):
             if not getattr(self, name) > 0:
                 raise InputError("skin", name, getattr(self, name), "more than 0")
-        order = np.argsort(angle % 360.0)
-        gap_deg = np.diff(np.append(angle[order] % 360.0, angle[order[0]] % 360.0 + 360.0))
-        half_deg = np.degrees(self.electrode_width_mm[order] / (2.0 * self.radius_mm))
-        room = gap_deg - half_deg - np.append(half_deg[1:], half_deg[0])
-        if not (room > 0).all():
-            raise InputError("skin", "electrodes", "two that overlap", "each an arc of its own")
+        if self.has_rim:
+            self._refuse_overlap(self.on_rim)
         if not points.any() and not (self.contact_impedivity_ohm_m2 > 0).all():
             raise InputError("skin", "contact_impedivity_ohm_m2", 0, "more than 0 (width > 0)")
         if self.outline:
             self._refuse_on_outlines()
+        if self.electrode_inside_mm is not None:
+            self._refuse_inside()
+
+    def _set_inside(self) -> None:
+        """Set the places inside as a complex array; None where all electrodes are on the rim."""
+        if self.electrode_inside_mm is None:
+            return
+        place = np.asarray(self.electrode_inside_mm, complex)
+        if place.shape != self.electrode_deg.shape:
+            expected = f"{self.electrode_deg.shape}, one an electrode"
+            raise InputError("skin", "electrode_inside_mm", place.shape, expected)
+        inside = None if np.isnan(place).all() else place
+        object.__setattr__(self, "electrode_inside_mm", inside)
+
+    def _refuse_overlap(self, numbers: np.ndarray) -> None:
+        """Raise InputError where electrodes of the rim, by their numbers, overlap."""
+        angle = self.electrode_deg[numbers] % 360.0
+        order = np.argsort(angle)
+        gap_deg = np.diff(np.append(angle[order], angle[order[0]] + 360.0))
+        half_deg = np.degrees(self.electrode_width_mm[numbers][order] / (2.0 * self.radius_mm))
+        room = gap_deg - half_deg - np.append(half_deg[1:], half_deg[0])
+        if not (room > 0).all():
+            raise InputError("skin", "electrodes", "two that overlap", "each an arc of its own")
+
+    def _refuse_inside(self) -> None:
+        """Raise InputError for electrodes inside that overlap or reach over the rim, and for what
+        is not modelled beside them."""
+        for key, none in (("anisotropy_ratio", 1.0), ("gradient_across", 0.0), ("deep", False)):
+            if getattr(self, key) != none:
+                expected = f"{none:g} beside electrodes inside the skin"
+                raise InputError("skin", key, f"{getattr(self, key):g}", expected)
+        for key in ("electrode_height_mm", "electrode_z_mm"):
+            if getattr(self, key) is not None:
+                expected = "none beside electrodes inside the skin"
+                raise InputError("skin", key, f"{getattr(self, key):g}", expected)
+        numbers, place = self.inner, self.inner_place
+        radius = 0.5 * self.electrode_width_mm[numbers]
+        rim = self.rim_polygon
+        off = ~inside(rim, place) | ~(distance(rim, place) > radius)
+        if off.any():
+            number = numbers[off][0]
+            at = f"({place[off][0].real:.4g}, {place[off][0].imag:.4g}) mm"
+            actual = f"electrode {number}, {2.0 * radius[off][0]:g} mm wide at {at}, over the rim"
+            raise InputError("skin", "electrodes", actual, "a disc within the skin")
+        apart = np.abs(place[:, None] - place) - radius[:, None] - radius
+        overlap = np.argwhere(np.triu(apart <= 0.0, 1))
+        if len(overlap):
+            actual = "electrodes {} and {}, which overlap".format(*numbers[overlap[0]])
+            raise InputError("skin", "electrodes", actual, "discs apart")
 
     def _refuse_on_outlines(self) -> None:
-        """Raise InputError for electrodes round a corner, and for what only discs have."""
+        """Raise InputError for points at a corner, and for what only discs have."""
         assert self.outline is not None
-        corners = self.outline.corner_phi
-        half = self.electrode_width_mm / (2.0 * self.radius_mm)
-        offset = corners[:, None] - np.radians(self.electrode_deg)
+        angle = np.radians(self.electrode_deg[self.on_rim])
+        offset = self.outline.corner_phi[:, None] - angle
         offset = np.abs((offset + np.pi) % (2.0 * np.pi) - np.pi)
-        at_corner = np.flatnonzero((offset < half + CORNER_CLEARANCE).any(axis=0))
-        if len(at_corner):
-            actual = f"electrode {at_corner[0]} at a corner"
-            raise InputError("skin", "electrodes", actual, "electrodes on a side, off its corners")
+        at_corner = np.flatnonzero((offset < CORNER_CLEARANCE).any(axis=0))
+        if self.points and len(at_corner):
+            actual = f"electrode {self.on_rim[at_corner[0]]}, a point, at a corner"
+            raise InputError("skin", "electrodes", actual, "points off the corners, or a width")
         for key in ("electrode_height_mm", "electrode_z_mm"):
             if getattr(self, key) is not None:
                 actual, expected = "a depth, on a skin that is no disc", "none: bodies are discs"
@@ -146,6 +195,7 @@ class Geometry:
             electrode_height_mm=skin.electrode_height_mm,
             electrode_z_mm=skin.electrode_z_mm,
             outline=skin.rim,
+            electrode_inside_mm=outline.inside_mm(skin),
         )
 
     def with_values(self, **values: Any) -> "Geometry":
@@ -177,6 +227,46 @@ class Geometry:
     def points(self) -> bool:
         """Whether the electrodes are points."""
         return bool((self.electrode_width_mm == 0).all())
+
+    @property
+    def inner(self) -> np.ndarray:
+        """Numbers of the electrodes inside the skin."""
+        if self.electrode_inside_mm is None:
+            return np.zeros(0, int)
+        return np.flatnonzero(~np.isnan(self.electrode_inside_mm))
+
+    @property
+    def on_rim(self) -> np.ndarray:
+        """Numbers of the electrodes on the rim."""
+        return np.setdiff1d(np.arange(len(self.electrode_deg)), self.inner)
+
+    @property
+    def has_rim(self) -> bool:
+        """Whether electrodes are on the rim."""
+        return len(self.inner) < len(self.electrode_deg)
+
+    @property
+    def rim_part(self) -> "Geometry":
+        """The skin with its electrodes on the rim alone, of which there are some."""
+        if self.electrode_inside_mm is None:
+            return self
+        per_electrode = ("electrode_deg", "electrode_width_mm", "contact_impedivity_ohm_m2")
+        values = {name: getattr(self, name)[self.on_rim] for name in per_electrode}
+        return self.with_values(electrode_inside_mm=None, **values)
+
+    @property
+    def inner_place(self) -> np.ndarray:
+        """(inner,) complex, mm: centres of the electrodes inside the skin."""
+        if self.electrode_inside_mm is None:
+            return np.zeros(0, complex)
+        return self.stretch(self.electrode_inside_mm[self.inner])
+
+    @property
+    def electrode_place(self) -> np.ndarray:
+        """(n,) complex, mm: middles of all electrodes."""
+        place = self.rim(np.radians(self.electrode_deg))
+        place[self.inner] = self.inner_place
+        return place
 
     @property
     def sheet_resistance_ohm(self) -> float:
@@ -242,6 +332,11 @@ class Geometry:
             return self.rim(self.rim_phi(DRAWN_POLES)[0])
         return self.outline.points
 
+    @property
+    def rim_polygon(self) -> np.ndarray:
+        """(K,) complex, mm: points of the rim, close enough to tell what lies within."""
+        return self.drawn_rim if self.outline else self.rim(self.rim_phi()[0])
+
     @cached_property
     def corners(self) -> np.ndarray:
         """(C,) complex, mm: of an outline."""
@@ -253,12 +348,14 @@ class Geometry:
         """An unfolded place well within the rim."""
         return complex(self.unfold(np.array([self.outline.centre]))[0]) if self.outline else 0.0
 
-    def rim_phi(self, corner_poles: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    def rim_phi(
+        self, corner_poles: int = 0, even_points: int = EVEN_POINTS
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Angles that sample the rim, ascending, and indices of corners among them; points crowd
         towards a corner as so many poles do."""
         if self.outline is None:
             return np.linspace(0.0, 2.0 * np.pi, ROUND_POINTS, endpoint=False), np.zeros(0, int)
-        return self.outline.sampled_phi(corner_poles)
+        return self.outline.sampled_phi(corner_poles, even_points)
 
 
 class Unfoldings:

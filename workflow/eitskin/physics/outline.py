@@ -1,7 +1,8 @@
 """Outlines as the owner of a skin describes them, and electrodes on them.
 
-Discs, and any rim that is given by its corners or as a smooth curve, are simulated; a shape that is
-only a word, and electrodes inside the skin, are recognised here and refused.
+Discs, and any rim that is given by its corners or as a smooth curve, are simulated, with electrodes
+on the rim and inside; a shape that is only a word, and electrodes beyond the rim, are recognised
+here and refused.
 """
 
 from dataclasses import replace
@@ -17,12 +18,14 @@ from eitskin.quantities import percent
 DISCS = ("circle", "circular", "disc", "disk", "round")
 # Largest deviation of a rim from a circle, and of an electrode from the rim, over the mean radius.
 CIRCLE_TOLERANCE = 0.1
-OFF_RIM_MM = 1.0  # of an electrode; one that is nearer to the rim is put there
+OFF_RIM_MM = 1.0  # of an electrode; one that is nearer to the rim of known size is put there
+TOUCH_ROOM_MM = 0.5  # of a touch's edge from that of an electrode inside, in a diagnosis
 SIDE_POINTS = 100  # points of each side at which its distance from the centre is evaluated
 SQUARE_DEG = 3.0  # largest deviation of a rectangle's corners from a right angle
 EXPECTED = (
-    'a disc, or skin.outline as {"shape": …} or {"corners_mm": …}, with its electrodes on the rim; '
-    "without a simulation, `eitskin check` and `eitskin compare CONTROL LATER` work all the same"
+    'a disc, or skin.outline as {"shape": …} or {"corners_mm": …}, with its electrodes on the rim '
+    "or inside; without a simulation, `eitskin check` and `eitskin compare CONTROL LATER` work all "
+    "the same"
 )
 
 
@@ -48,8 +51,11 @@ def not_simulated(skin: Skin) -> tuple[str, str] | None:
             return "skin.outline", f"{description}, as a bare list"
     if skin.electrode_xy_mm is None:
         return None
-    radius = skin.radius_mm or float(np.hypot(*np.array(skin.electrode_xy_mm).T).max())
-    electrodes_text = off_rim(np.array(skin.electrode_xy_mm), radius)
+    electrodes, inner = np.array(skin.electrode_xy_mm), inside_mm(skin)
+    radius = skin.radius_mm or float(np.hypot(*electrodes.T).max())
+    if inner is not None:
+        electrodes[~np.isnan(inner)] = radius, 0.0
+    electrodes_text = off_rim(electrodes, radius)
     return None if electrodes_text is None else ("skin.electrode_xy_mm", electrodes_text)
 
 
@@ -62,11 +68,12 @@ def _off_outline(skin: Skin, rim: RimCurve) -> tuple[str, str] | None:
         return None
     if skin.electrode_xy_mm is None:
         return "skin.electrode_xy_mm", "nothing, nor electrode_s, beside an outline"
-    _, distance = rim.nearest(_complex(np.array(skin.electrode_xy_mm)))
-    off = np.flatnonzero(distance > OFF_RIM_MM)
+    place = _complex(np.array(skin.electrode_xy_mm))
+    _, distance = rim.nearest(place)
+    off = np.flatnonzero((distance > OFF_RIM_MM) & ~rim.contains(place))
     if not len(off):
         return None
-    return "skin.electrode_xy_mm", f"electrode {off[0]} {distance[off[0]]:.3g} mm off the rim"
+    return "skin.electrode_xy_mm", f"electrode {off[0]} {distance[off[0]]:.3g} mm beyond the rim"
 
 
 def _is_laid_out(skin: Skin, rim: RimCurve) -> bool:
@@ -77,13 +84,25 @@ def _is_laid_out(skin: Skin, rim: RimCurve) -> bool:
 def laid_out(skin: Skin) -> Skin:
     """A skin with an outline as the simulation takes it: `radius_mm` the rim's length over 2 pi,
     `electrode_deg` the electrodes' shares of it in degrees. Any other is returned as a disc.
+    `electrode_xy_mm` remains where electrodes are inside, and says where these are; then the angles
+    of a disc are those of the places, unless stated.
 
     Raises InputError as `refuse`.
     """
     refuse(skin)
     rim = skin.rim
+    electrode_xy_mm = None if inside_mm(skin) is None else skin.electrode_xy_mm
     if rim is None:
-        return replace(skin, outline=None, electrode_xy_mm=None, electrode_s=None)
+        angles = skin.electrode_deg
+        if electrode_xy_mm is not None and angles is None:
+            angles = tuple(rim_angles(np.array(electrode_xy_mm)).tolist())
+        return replace(
+            skin,
+            outline=None,
+            electrode_deg=angles,
+            electrode_xy_mm=electrode_xy_mm,
+            electrode_s=None,
+        )
     if _is_laid_out(skin, rim):
         return skin
     if skin.electrode_s is not None:
@@ -94,15 +113,66 @@ def laid_out(skin: Skin) -> Skin:
         skin,
         radius_mm=rim.perimeter_mm / (2.0 * np.pi),
         electrode_deg=tuple((360.0 * share).tolist()),
-        electrode_xy_mm=None,
+        electrode_xy_mm=electrode_xy_mm,
         electrode_s=None,
     )
 
 
+def inside_mm(skin: Skin) -> np.ndarray | None:
+    """(n,) complex, mm: places of the electrodes inside a skin, NaN of those on its rim; None where
+    there are none, and of a disc of unknown radius."""
+    if skin.electrode_xy_mm is None or skin.electrode_s is not None:
+        return None
+    place = _complex(np.array(skin.electrode_xy_mm))
+    if skin.rim is not None:
+        inside = skin.rim.contains(place) & (skin.rim.nearest(place)[1] > OFF_RIM_MM)
+    elif skin.radius_mm is not None:
+        inside = np.abs(place) < skin.radius_mm - OFF_RIM_MM
+    else:
+        return None
+    return np.where(inside, place, np.nan) if inside.any() else None
+
+
+def is_touchable(skin: Skin, centre: np.ndarray, radius_mm: np.ndarray) -> np.ndarray:
+    """(N,) bool: whether touches, complex centres and radii (N,) in mm, stay TOUCH_ROOM_MM off the
+    edges of the electrodes inside a skin, and cover none where the rim cuts them."""
+    inner = inside_mm(skin)
+    if inner is None:
+        return np.ones(len(centre), bool)
+    offset = np.abs(centre[:, None] - inner[~np.isnan(inner)])
+    half = 0.5 * (skin.electrode_width_mm or 0.0)
+    crosses = np.abs(offset - radius_mm[:, None]) < half + TOUCH_ROOM_MM
+    if skin.rim is not None:
+        depth = skin.rim.depth(centre)
+    else:
+        assert skin.radius_mm is not None
+        depth = skin.radius_mm - np.abs(centre)
+    covers = (offset < radius_mm[:, None]).any(axis=1)
+    return ~crosses.any(axis=1) & ~(covers & (depth < radius_mm))
+
+
+def rim_numbers(skin: Skin, n_electrodes: int) -> np.ndarray:
+    """Numbers of those of n electrodes that are on the rim."""
+    inner = inside_mm(skin)
+    return np.arange(n_electrodes) if inner is None else np.flatnonzero(np.isnan(inner))
+
+
+def is_plain_disc(skin: Skin) -> bool:
+    """Whether a skin is a disc whose electrodes are all on its rim."""
+    return skin.rim is None and inside_mm(skin) is None
+
+
 def as_stated(skin: Skin) -> Skin:
-    """A skin that is `laid_out` as its owner would state it: on an outline by `electrode_s`."""
+    """A skin that is `laid_out` as its owner would state it: on an outline by `electrode_s`, or by
+    `electrode_xy_mm` where electrodes are inside."""
     if skin.rim is None or skin.electrode_deg is None:
         return skin
+    inner = inside_mm(skin)
+    if inner is not None:
+        on_rim = skin.rim.place(np.radians(skin.electrode_deg))
+        place = np.where(np.isnan(inner), on_rim, inner)
+        xy_mm = tuple(zip(place.real.tolist(), place.imag.tolist(), strict=True))
+        return replace(skin, radius_mm=None, electrode_deg=None, electrode_xy_mm=xy_mm)
     share = np.array(skin.electrode_deg) / 360.0 % 1.0
     return replace(skin, radius_mm=None, electrode_deg=None, electrode_s=tuple(share.tolist()))
 

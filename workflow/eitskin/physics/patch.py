@@ -65,6 +65,14 @@ class PatchEdge(Circle):
             raise InputError("skin", "patch", place, expected)
         others = [p for p in geometry.patches if p is not patch]
         gaps = [abs(p.centre - patch.centre) - p.radius_mm - patch.radius_mm for p in others]
+        electrode_gaps = np.abs(geometry.inner_place - patch.centre) - patch.radius_mm
+        electrode_gaps -= 0.5 * geometry.electrode_width_mm[geometry.inner]
+        if (electrode_gaps < LEAST_GAP * patch.radius_mm).any():
+            number = geometry.inner[electrode_gaps.argmin()]
+            place = f"({patch.x_mm:g}, {patch.y_mm:g}) mm, over electrode {number}"
+            expected = f"a disc off the electrodes inside the skin by {LEAST_GAP:g} of its radius"
+            raise InputError("skin", "patch", place, expected)
+        gaps += electrode_gaps.tolist()
         gap_to_others = min(gaps, default=np.inf) / patch.radius_mm
         if gap_to_others < LEAST_GAP:
             expected = f"discs apart by {LEAST_GAP:g} of a radius"
@@ -225,7 +233,7 @@ class PatchedTouch:
         edge = TouchEdge(touch, patch.geometry, patch.disc, forward.accuracy.touch)
         factor, self_response = patch.factor, edge.self_response
         patched = factor * np.linalg.solve(edge.mass + (factor - 1.0) * self_response, edge.mass)
-        coupling = forward.electrodes.project(edge.rim_response(forward.electrodes.rim)) @ patched
+        coupling = forward.electrodes.coupling(edge) @ patched
         response = factor * self_response @ patched
         return cls(touch, edge, factor * edge.mass, 0.5 * (response + response.T), coupling, None)
 
@@ -262,10 +270,10 @@ class PatchedTouch:
         response += current[on_edge:].T @ (edge.rim_kernel @ values[:on_edge])
         response += mass + current.T @ (to_touch @ charge)
         electrodes = forward.electrodes
-        kernel = neumann.rim_flux_kernel(electrodes.rim, edge.zeta, dzeta[:on_edge])
+        kernel = electrodes.flux_kernel(edge.zeta, dzeta[:on_edge])
         potential = kernel @ values[:on_edge]
         if edge.clipped:
-            covered = edge.covers(electrodes.rim)
+            covered = np.flatnonzero(edge.covers(electrodes.rim))
             covered_rim = electrodes.rim[covered]
             potential[covered] += edge.harmonics.values(covered_rim)
             potential[covered] += neumann.potential(covered_rim[:, None], nodes.zeta) @ bend
@@ -358,9 +366,9 @@ class PatchForward(Forward):
         geometry, accuracy = self.geometry, self.accuracy.touch
 
         def compute() -> BareTouch:
-            surroundings = Surroundings(circle=self.patch)
+            surroundings = Surroundings(self.clearance(touch), self.patch)
             edge = TouchEdge(touch, geometry, self.patch.disc, accuracy, surroundings)
-            coupling = self.electrodes.project(edge.rim_response(self.electrodes.rim))
+            coupling = self.electrodes.coupling(edge)
             return BareTouch(edge, coupling)
 
         def serves(touch: BareTouch) -> bool:
@@ -375,11 +383,11 @@ class PatchForward(Forward):
 
     def _at_patch(self, electrodes: Electrodes) -> np.ndarray:
         """(even nodes, n order): potentials of the electrodes' modes on the patches' edges."""
-        return electrodes.project(neumann.potential(electrodes.rim[:, None], self.patches.zeta)).T
+        return electrodes.project(neumann.potential(electrodes.nodes[:, None], self.patches.zeta)).T
 
     def _change(self, electrodes: Electrodes) -> np.ndarray:
         """(n order, n order): change of the power of the electrodes' modes by the patches."""
-        flux = neumann.rim_flux_kernel(electrodes.rim, self.patches.zeta, self.patches.dzeta)
+        flux = electrodes.flux_kernel(self.patches.zeta, self.patches.dzeta)
         modes = np.flatnonzero(self.at_patch.any(axis=0))  # of a body, those even over the depth
         charge = self.patches.charge(electrodes.project(flux).T[:, modes])
         change = np.zeros((self.at_patch.shape[1],) * 2)
@@ -393,6 +401,9 @@ class PatchForward(Forward):
         """The touch's multipoles in the patched skin. Raises InputError for several touches."""
         if np.isfinite(touch_clearance):
             raise InputError("touch", "touches", "several on a patched skin", "one")
+        if self.electrodes.covers([(touch.x_mm, touch.y_mm, touch.radius_mm)])[0]:
+            place = f"({touch.x_mm:g}, {touch.y_mm:g}) mm, over an electrode inside the skin"
+            raise InputError("touch", "place", place, "one beside it, on a patched skin")
         offset = abs(touch.x_mm + 1j * touch.y_mm - self.patch.centre)
         if offset + abs(touch.radius_mm - self.patch.radius) < SAME_CIRCLE * self.patch.radius:
             return PatchedTouch.covering_patch(touch, self.patch, self)
@@ -408,10 +419,11 @@ class PatchForward(Forward):
             place = f"({edge.touch.x_mm:g}, {edge.touch.y_mm:g}) mm, across a patch's edge"
             raise InputError("touch", "leak at the touch", place, "a touch on either side of it")
         assert edge.nodes is not None
-        current, nodes, rim = EvenCurrent(edge.edge), edge.nodes, self.electrodes.rim
+        current, nodes, electrodes = EvenCurrent(edge.edge), edge.nodes, self.electrodes
         charge = nodes.charge(current.flux(nodes.zeta, nodes.dzeta)[:, None] / edge.factor)
         at_nodes = current.potential(nodes.zeta)
-        direct = self.electrodes.project(current.potential(rim)[:, None]) / edge.factor
+        potential = current.potential(electrodes.nodes)[:, None]
+        direct = electrodes.project(potential) / edge.factor
         to_electrodes = direct + self.at_patch.T @ nodes.even(charge)
         to_touch = current.mean_response(edge.edge) + at_nodes @ edge.charge
         power = current.power / edge.factor + float(at_nodes @ charge[:, 0])

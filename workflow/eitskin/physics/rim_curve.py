@@ -6,20 +6,30 @@ angle means the same on a disc and on any other rim: a share of its length.
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
 
 from eitskin.errors import InputError
 
+# scipy.interpolate is imported where it is used: it costs 0.7 s at each start of the workflow.
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
+
 MOST_CORNERS = 64  # of a rim with corners; one that was drawn by more points is smooth
 LEAST_AREA = 1e-6  # of a rim, over its length squared
-LEAST_TURN_DEG = 0.1  # of a corner; two sides with a smaller turn are straight on
+LEAST_TURN_DEG = 0.1  # of a polygon's corner; two sides with a smaller turn are straight on
+# Of a corner in a drawn rim, over the largest turn of the nearest two points without one on either
+# side; and the least.
+SHARPNESS, SHARP_DEG, NEAREST = 5.0, 20.0, 2
 EVEN_POINTS = 800  # of a sampled rim, besides those at corners
 CENTRE_LATTICE = 61  # lines each way of the lattice that is searched for a place well within
 CROWDING = 4.0  # of the distances exp(-CROWDING (sqrt n - sqrt j)), j = 1 ... n
 SAMPLES_PER_POLE = 3  # of a rim at its corners
 SAMPLES = 2048  # of a smooth rim, evenly along its length
+LEAST_SAMPLES = 64  # of one side of it
+STRAIGHT = 1e-9  # of a side's length, that its points may lie off a straight line
+GAUSS_POINTS = 6  # of a part of a curve, between two samples
 POINTS_AT_ONCE = 2048  # whose distances from the rim are computed at once
 ROUNDING = 1e-12  # of lengths that are sums and quotients of stated ones
 MITRE_SHARE = 0.08  # of a side, over which a moved rim is drawn along itself towards a corner
@@ -27,10 +37,12 @@ MITRE_SHARE = 0.08  # of a side, over which a moved rim is drawn along itself to
 
 @dataclass(frozen=True)
 class RimCurve:
-    """A rim through points (x, y) in mm, counter-clockwise: with corners there, or smooth.
+    """A rim through points (x, y) in mm, counter-clockwise: a polygon, or a drawn curve.
 
-    A smooth rim is a periodic quintic spline by the length of its chords. Raises InputError for
-    points that are no simple closed curve.
+    A drawn (`smooth`) rim is a periodic quintic spline by the length of its chords. Its corners are
+    the points whose turn is SHARP_DEG or more and SHARPNESS times those beside it; between them
+    it is an open spline, and straight between two corners in a row. Raises InputError for points
+    that are no simple closed curve.
     """
 
     points_mm: tuple[tuple[float, float], ...]
@@ -46,6 +58,9 @@ class RimCurve:
         if not self.smooth and count > MOST_CORNERS:
             expected = f'{MOST_CORNERS} corners or fewer, or "smooth": true for a drawn rim'
             raise InputError("skin", "outline", f"{count} corners", expected)
+        if len(self.corner_points) > MOST_CORNERS:
+            actual = f"{len(self.corner_points)} corners of a drawn rim"
+            raise InputError("skin", "outline", actual, f"{MOST_CORNERS} corners or fewer")
         crossing = _crossing(points)
         if crossing is not None:
             sides = "sides {} and {}".format(*crossing)
@@ -69,31 +84,60 @@ class RimCurve:
     @cached_property
     def area_mm2(self) -> float:
         """Enclosed area; of a clockwise curve negative."""
-        place, slope, step = self._dense
+        if self.smooth and len(self.corner_points):
+            return float(sum(side.area_mm2 for side in self._drawn_sides))
+        place, slope, step = self._steps_round
         return float(0.5 * (np.conj(place) * slope).imag.sum() * step)
 
     @cached_property
     def perimeter_mm(self) -> float:
         """Length of the curve."""
-        return float(np.abs(self.steps).sum()) if not self.smooth else self._by_length[1]
+        if not self.smooth:
+            return float(np.abs(self.steps).sum())
+        if len(self.corner_points):
+            return float(sum(side.length_mm for side in self._drawn_sides))
+        return self._by_length[1]
+
+    @cached_property
+    def corner_points(self) -> np.ndarray:
+        """(C,): indices of the points that are corners, ascending."""
+        turn_deg = np.degrees(np.abs(self._turns))
+        return _sharp(turn_deg) if self.smooth else np.flatnonzero(turn_deg > LEAST_TURN_DEG)
 
     @cached_property
     def corner_phi(self) -> np.ndarray:
         """(C,): angles of the corners, ascending; none of a smooth rim."""
-        if self.smooth:
+        if not self.smooth:
+            lengths = np.cumsum(np.abs(self.steps))
+            starts = np.append(0.0, lengths[:-1])
+            return 2.0 * np.pi / lengths[-1] * starts[self.corner_points]
+        if not len(self.corner_points):
             return np.zeros(0)
-        turn_deg = np.degrees(np.abs(self._turns))
-        lengths = np.cumsum(np.abs(self.steps))
-        starts = np.append(0.0, lengths[:-1])
-        return 2.0 * np.pi / lengths[-1] * starts[turn_deg > LEAST_TURN_DEG]
+        *before, last = self._drawn_sides
+        to_first = last.length_mm - last.reached_mm[len(self.points) - self.corner_points[-1]]
+        starts = to_first + np.append(0.0, np.cumsum([side.length_mm for side in before]))
+        return 2.0 * np.pi / self.perimeter_mm * starts
+
+    def is_bent(self, phi: np.ndarray) -> np.ndarray:
+        """Whether the rim is drawn as a curve at angles phi, and not as a straight side."""
+        if not len(self.corner_points) or not self.smooth:
+            return np.full(np.shape(phi), self.smooth)
+        side, _ = self._side(np.asarray(phi, float) % (2.0 * np.pi))
+        return np.array([drawn.bent for drawn in self._drawn_sides])[side]
 
     def place(self, phi: np.ndarray, order: int = 0) -> np.ndarray:
         """Points of the rim, mm, complex, or their derivative by phi of `order` <= 3."""
         share = np.asarray(phi, float) % (2.0 * np.pi)
-        if self.smooth:
-            return _complex(self._by_length[0][order](share))
         unit = self.perimeter_mm / (2.0 * np.pi)
-        side, along = self._side(share * unit)
+        if self.smooth and not len(self.corner_points):
+            return _complex(self._by_length[0][order](share))
+        side, along = self._side(share)
+        if self.smooth:
+            place = np.zeros(share.shape, complex)
+            for index, drawn in enumerate(self._drawn_sides):
+                here = side == index
+                place[here] = unit**order * drawn.place(along[here], order)
+            return place
         direction = (self.steps / np.abs(self.steps))[side]
         if order == 0:
             return self.points[side] + along * direction
@@ -109,14 +153,14 @@ class RimCurve:
         from it as exp(-(d / MITRE_SHARE side)^2). The shape that a small motion makes does not
         depend on it."""
         share = np.asarray(phi, float) % (2.0 * np.pi)
-        total = np.zeros(share.shape)
-        if self.smooth:
-            return total
+        if not len(self.corner_points):
+            return np.zeros(share.shape)
         unit = self.perimeter_mm / (2.0 * np.pi)
-        side, along = self._side(share * unit)
-        length = np.abs(self.steps)[side]
+        side, along = self._side(share)
+        lengths, turns = self._sides
+        length = lengths[side]
         reach = MITRE_SHARE * length
-        tangent = np.tan(0.5 * self._turns)
+        tangent = np.tan(0.5 * turns)
         rise = -_fade(along / reach, order) * tangent[side]
         fall = (-1.0) ** order * _fade((length - along) / reach, order)
         fall = fall * tangent[(side + 1) % len(tangent)]
@@ -137,7 +181,7 @@ class RimCurve:
     def centre(self) -> complex:
         """A place well within, and in the middle: of a lattice the point with the largest distance
         from the rim over the root mean square of its distances to the lattice."""
-        corners = self._dense[0]
+        corners = self._dense
         x, y = (
             np.linspace(part.min(), part.max(), CENTRE_LATTICE + 2)[1:-1]
             for part in (corners.real, corners.imag)
@@ -147,10 +191,12 @@ class RimCurve:
         spread = np.sqrt(np.abs(lattice - lattice.mean()) ** 2 + np.var(lattice))
         return complex(lattice[np.argmax(distance(corners, lattice) / spread)])
 
-    def sampled_phi(self, corner_poles: int) -> tuple[np.ndarray, np.ndarray]:
+    def sampled_phi(
+        self, corner_poles: int, even_points: int = EVEN_POINTS
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Angles that sample the rim, ascending, evenly and crowded on both sides of corners as so
         many poles do; and indices of the corners among them."""
-        even = 2.0 * np.pi * np.arange(EVEN_POINTS) / EVEN_POINTS
+        even = 2.0 * np.pi * np.arange(even_points) / even_points
         corners = self.corner_phi
         if not len(corners):
             return even, np.zeros(0, int)
@@ -165,7 +211,7 @@ class RimCurve:
 
     def lattice(self, count: int) -> np.ndarray:
         """About so many complex places within, mm, on a square lattice that shares out the area."""
-        rim = self._dense[0]
+        rim = self._dense
         step = float(np.sqrt(self.area_mm2 / count))
         x, y = (
             np.arange(part.min() + 0.5 * step, part.max(), step) for part in (rim.real, rim.imag)
@@ -176,7 +222,7 @@ class RimCurve:
     def lattice_within(self, spacing_mm: float, margin_mm: float) -> np.ndarray:
         """Complex places, mm, `spacing_mm` apart on a square lattice, row by row from below, that
         lie `margin_mm` or more within the rim; in the middle of the rim's extent in x and y."""
-        rim = self._dense[0]
+        rim = self._dense
         lines = []
         for part in (rim.real, rim.imag):
             room = max(float(np.ptp(part)) - 2.0 * margin_mm, 0.0)
@@ -193,14 +239,14 @@ class RimCurve:
 
     def depth(self, z: np.ndarray) -> np.ndarray:
         """Distance, mm, of complex points z within the rim from it; outside negative."""
-        rim, z = self._dense[0], np.asarray(z, complex)
+        rim, z = self._dense, np.asarray(z, complex)
         blocks = np.array_split(z.ravel(), z.size // POINTS_AT_ONCE + 1)
         away = np.concatenate([distance(rim, block) for block in blocks]).reshape(z.shape)
         return np.where(inside(rim, z), away, -away)
 
     def contains(self, z: np.ndarray) -> np.ndarray:
         """Whether complex points z lie within the rim."""
-        return inside(self._dense[0], z)
+        return inside(self._dense, z)
 
     def beyond(self, z: np.ndarray) -> np.ndarray:
         """Distance, mm, of complex points z from the skin: 0 within the rim."""
@@ -223,15 +269,50 @@ class RimCurve:
         """(K,) radians: by how much the direction turns at each point."""
         return np.angle(self.steps / np.roll(self.steps, 1))
 
-    def _side(self, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Side at a length along the rim, and the length along that side."""
+    def _side(self, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Side at angles from 0 to 2 pi, and the length along that side."""
+        unit = self.perimeter_mm / (2.0 * np.pi)
+        if self.smooth:
+            side = np.searchsorted(self.corner_phi, share, side="right") - 1
+            return side % len(self.corner_phi), unit * (
+                (share - self.corner_phi[side]) % (2.0 * np.pi)
+            )
+        length = share * unit
         ends = np.cumsum(np.abs(self.steps))
         side = np.minimum(np.searchsorted(ends, length, side="right"), len(ends) - 1)
         return side, length - (ends - np.abs(self.steps))[side]
 
     @cached_property
-    def _dense(self) -> tuple[np.ndarray, np.ndarray, float]:
-        """Points, slopes by a parameter and its step, for areas; of corners: those themselves."""
+    def _sides(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of each side its length, mm, and by how much the direction turns where it begins."""
+        if not self.smooth:
+            return np.abs(self.steps), self._turns
+        drawn = self._drawn_sides
+        lengths = np.array([side.length_mm for side in drawn])
+        start = np.array([side.place(0.0, 1) for side in drawn])
+        stop = np.array([side.place(side.length_mm, 1) for side in drawn])
+        return lengths, np.angle(start / np.roll(stop, 1))
+
+    @cached_property
+    def _drawn_sides(self) -> "list[_DrawnSide]":
+        """The sides of a drawn rim from its first corner on."""
+        corners, count = self.corner_points, len(self.points)
+        stops = np.append(corners[1:], corners[0] + count)
+        return [
+            _drawn_side(self.points[np.arange(start, stop + 1) % count], SAMPLES / count)
+            for start, stop in zip(corners, stops, strict=True)
+        ]
+
+    @cached_property
+    def _dense(self) -> np.ndarray:
+        """Points of a polygon that stands for the rim; of a polygon its corners."""
+        if self.smooth and len(self.corner_points):
+            return np.concatenate([side.dense for side in self._drawn_sides])
+        return self._steps_round[0]
+
+    @cached_property
+    def _steps_round(self) -> tuple[np.ndarray, np.ndarray, float]:
+        """Points of a polygon or of a smooth rim, slopes by a parameter and its step, for areas."""
         if not self.smooth:
             return self.points, self.steps, 1.0
         spline, end = self._spline
@@ -239,17 +320,19 @@ class RimCurve:
         return _complex(spline(u)), _complex(spline(u, 1)), end / SAMPLES
 
     @cached_property
-    def _spline(self) -> tuple[BSpline, float]:
+    def _spline(self) -> "tuple[BSpline, float]":
         """The spline of (x, y) by chord length, and the length of all chords."""
         chord = np.append(0.0, np.cumsum(np.abs(self.steps)))
         return _periodic_spline(chord, self.points), chord[-1]
 
     @cached_property
-    def _by_length(self) -> tuple[list[BSpline], float]:
+    def _by_length(self) -> "tuple[list[BSpline], float]":
         """Splines of (x, y) and its derivatives by phi, and the length in mm."""
         spline, end = self._spline
+        from scipy.interpolate import make_interp_spline
+
         u = end * np.arange(SAMPLES + 1) / SAMPLES
-        node, weight = np.polynomial.legendre.leggauss(6)
+        node, weight = np.polynomial.legendre.leggauss(GAUSS_POINTS)
         inner = u[:-1, None] + 0.5 * end / SAMPLES * (1.0 + node)
         pieces = 0.5 * end / SAMPLES * np.abs(_complex(spline(inner, 1))) @ weight
         length = np.append(0.0, np.cumsum(pieces))
@@ -259,9 +342,94 @@ class RimCurve:
         return [curve, *(curve.derivative(k) for k in (1, 2, 3))], float(length[-1])
 
 
-def _periodic_spline(parameter: np.ndarray, points: np.ndarray) -> BSpline:
+class _DrawnSide(NamedTuple):
+    """A side of a drawn rim between two corners.
+
+    start: its first point, span: from there to its last; curve: splines of (x, y) by length and
+    their derivatives, none of a straight side; reached_mm: the lengths at its points; dense: points
+    from its start on, without its end; area_mm2: between it and 0.
+    """
+
+    start: complex
+    span: complex
+    curve: "tuple[BSpline, ...]"
+    reached_mm: np.ndarray
+    dense: np.ndarray
+    area_mm2: float
+
+    @property
+    def bent(self) -> bool:
+        """Whether it is no straight line."""
+        return bool(self.curve)
+
+    @property
+    def length_mm(self) -> float:
+        """Its length."""
+        return float(self.reached_mm[-1])
+
+    def place(self, along_mm: np.ndarray | float, order: int) -> np.ndarray:
+        """Complex, mm, at lengths from the start, or the derivative of an order <= 3."""
+        if self.bent:
+            return _complex(self.curve[order](along_mm))
+        along, direction = np.asarray(along_mm), self.span / abs(self.span)
+        if order == 0:
+            return np.asarray(self.start + along * direction)
+        return np.full(along.shape, direction if order == 1 else 0.0)
+
+
+def _drawn_side(points: np.ndarray, samples: float) -> _DrawnSide:
+    """The side through complex points (m + 1,); samples: how many stand for each chord."""
+    chord = np.append(0.0, np.cumsum(np.abs(np.diff(points))))
+    span = points[-1] - points[0]
+    off = np.abs((np.conj(span) * (points - points[0])).imag)
+    if off.max() < STRAIGHT * abs(span) ** 2:
+        area_mm2 = 0.5 * float((np.conj(points[0]) * span).imag)
+        return _DrawnSide(points[0], span, (), chord, points[:1], area_mm2)
+    from scipy.interpolate import make_interp_spline
+
+    parts = len(points) - 1
+    count = int(np.ceil(max(samples, LEAST_SAMPLES / parts)))
+    xy = np.stack([points.real, points.imag], axis=-1)
+    spline = make_interp_spline(chord, xy, k=min(5, parts))
+    u = np.interp(np.arange(parts * count + 1) / count, np.arange(parts + 1), chord)
+    node, weight = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+    half = 0.5 * np.diff(u)[:, None]
+    inner = u[:-1, None] + half * (1.0 + node)
+    step = half * weight * _complex(spline(inner, 1))
+    length = np.append(0.0, np.cumsum(np.abs(step).sum(axis=1)))
+    even = np.linspace(0.0, length[-1], len(length))
+    curve = make_interp_spline(even, spline(make_interp_spline(length, u, k=5)(even)), k=5)
+    return _DrawnSide(
+        points[0],
+        span,
+        (curve, *(curve.derivative(k) for k in (1, 2, 3))),
+        length[::count],
+        _complex(spline(u[:-1])),
+        0.5 * float((np.conj(_complex(spline(inner))) * step).imag.sum()),
+    )
+
+
+def _sharp(turn_deg: np.ndarray) -> np.ndarray:
+    """Indices of the sharp ones among the turns (K,) of a drawn rim: of a run of turns of SHARP_DEG
+    or more those that are SHARPNESS times as large as the NEAREST turns beside the run; none where
+    all turns are."""
+    sharp = turn_deg >= SHARP_DEG
+    while sharp.any() and not sharp.all():
+        even = np.flatnonzero(~sharp)
+        behind = np.searchsorted(even, np.flatnonzero(sharp))[:, None]
+        beside = even[(behind + np.arange(-NEAREST, NEAREST)) % len(even)]
+        blunt = turn_deg[sharp] < SHARPNESS * turn_deg[beside].max(axis=1)
+        if not blunt.any():
+            return np.flatnonzero(sharp)
+        sharp[np.flatnonzero(sharp)[blunt]] = False
+    return np.zeros(0, int)
+
+
+def _periodic_spline(parameter: np.ndarray, points: np.ndarray) -> "BSpline":
     """Quintic, of (x, y), through complex points (K,) at parameters (K + 1,), the last where it
     closes."""
+    from scipy.interpolate import make_interp_spline
+
     xy = np.stack([points.real, points.imag], axis=-1)
     return make_interp_spline(parameter, np.vstack([xy, xy[:1]]), k=5, bc_type="periodic")
 

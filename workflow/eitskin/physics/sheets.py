@@ -38,8 +38,8 @@ class Sheets:
     """Sheets of as many electrodes each, ready to be touched.
 
     device: None for NumPy; else a device of PyTorch, as "cpu" or "cuda", on which results lie, too.
-    Raises InputError for a body, an outline, a patch, a gradient, point electrodes, and
-    numbers of electrodes that differ.
+    Raises InputError for a body, an outline, electrodes inside, a patch, a gradient, point
+    electrodes, and numbers of electrodes that differ.
     """
 
     def __init__(
@@ -229,6 +229,7 @@ def _check(geometries: Sequence[Geometry]) -> None:
             ("patches", len(geometry.patches)),
             ("deep", span(geometry)),
             ("outline", geometry.outline),
+            ("electrode_inside_mm", len(geometry.inner)),
         ):
             if value:
                 raise InputError("skin", key, value, "none, for several sheets at once")

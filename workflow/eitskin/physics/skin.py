@@ -29,9 +29,10 @@ ONE_EACH = f"one an electrode, at most {MAX_ELECTRODES}"
 
 @dataclass(frozen=True)
 class Skin:
-    """A sheet of gel with electrodes on its rim; None: unknown, to be calibrated.
+    """A sheet of gel with electrodes on its rim or inside; None: unknown, to be calibrated.
 
-    Units stand in the names; `electrode_width_mm` is an arc length, 0 for point electrodes.
+    Units stand in the names; `electrode_width_mm` is an arc length, of an electrode inside the
+    diameter, 0 for point electrodes.
     outline: of a skin that is no disc, its rim, a word for its shape, or the corners (x, y) in mm
     of one that may be a disc all the same; electrode_xy_mm: (x, y) of every electrode; electrode_s:
     its share of the rim's length from the first corner, counter-clockwise.

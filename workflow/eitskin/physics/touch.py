@@ -480,6 +480,12 @@ class TouchEdge(Circle):
             response[inside] += self.harmonics.values(rim[inside])
         return response
 
+    def response_within(self, zeta: np.ndarray) -> np.ndarray:
+        """(points, 2 degree): potential at points of the unit disc outside the touch that the
+        multipoles' polarisation makes."""
+        dzeta = self.tangent * self.weight
+        return neumann.flux_kernel(zeta[:, None], self.zeta, dzeta) @ self.values
+
     def covers(self, rim: np.ndarray) -> np.ndarray:
         """(points,) bool: rim points within a clipped touch."""
         start, span = self.rim_arcs[:, :, None]

@@ -7,8 +7,8 @@ from eitskin.data.check import clipping, measures, naming, wiring
 from eitskin.data.check.finding import ERROR, FACT, UNOBSERVABLE, WARNING, Finding
 from eitskin.data.check.missing import HOLD_S, missing_information
 from eitskin.data.recording import Recording
-from eitskin.physics.outline import EXPECTED, not_simulated
-from eitskin.physics.skin import OPTIONAL
+from eitskin.physics.outline import EXPECTED, inside_mm, not_simulated
+from eitskin.physics.skin import OPTIONAL, Skin
 from eitskin.quantities import counted, decimal, listed, percent, quantity
 
 SKIN = {  # key: its name, its unit
@@ -152,6 +152,12 @@ def _phase_text(recording: Recording) -> str:
     return f"{recording.metadata['voltage']}{', in-phase and quadrature' * has_quadrature}"
 
 
+def _inside_text(skin: Skin) -> str:
+    """How many electrodes are inside the skin, in words; "" for none."""
+    inner = inside_mm(skin)
+    return "" if inner is None else f", {int((~np.isnan(inner)).sum())} of them inside"
+
+
 def skin(recording: Recording) -> list[Finding]:
     """The stated and the unknown properties of the skin and its wiring."""
     stated_skin = recording.skin
@@ -165,7 +171,9 @@ def skin(recording: Recording) -> list[Finding]:
             unknown_parts.append(name)
     if rim:
         stated_parts.append(f"a rim of {quantity(rim.perimeter_mm, 'mm')} in length")
-        stated_parts.append(f"{recording.n_electrodes} electrodes")
+        stated_parts.append(f"{recording.n_electrodes} electrodes{_inside_text(stated_skin)}")
+    elif inside_mm(stated_skin) is not None:
+        stated_parts.append(f"{recording.n_electrodes} electrodes{_inside_text(stated_skin)}")
     elif stated_skin.electrode_deg is None:
         unknown_parts.append("the electrodes' angles")
     else:

@@ -89,7 +89,7 @@ class Candidate:
         for key, parameter in self.effect.parameters.items():
             if parameter.whole or (self.effect.polar and key == self.effect.polar[1]):
                 continue
-            neutral = self.effect.neutral(key, self.skin)
+            neutral = self.effect.neutral_at(key, self.skin, self.sites)
             if key in self.start:
                 if self.start[key] != neutral:
                     yield key, None
@@ -108,7 +108,7 @@ class Candidate:
         values: dict = {}
         sites = None if self.sites is None else np.array(self.sites)
         for key, parameter in self.effect.parameters.items():
-            neutral = self.start.get(key, self.effect.neutral(key, self.skin))
+            neutral = self.start.get(key, self.effect.neutral_at(key, self.skin, self.sites))
             positions = [i for i, (name, _) in enumerate(self.names) if name == key]
             scale = self.scales.typical_change(parameter)
             change = scale * np.asarray(coordinates)[positions]
@@ -136,7 +136,7 @@ class Candidate:
         for key in dict.fromkeys(name for name, _ in self.names):
             positions = [i for i, (name, _) in enumerate(self.names) if name == key]
             parameter = self.effect.parameters[key]
-            neutral = self.start.get(key, self.effect.neutral(key, self.skin))
+            neutral = self.start.get(key, self.effect.neutral_at(key, self.skin, self.sites))
             assert neutral is not None
             value = np.asarray(neutral if values[key] is None else values[key], float)
             if np.size(value) > len(positions):

@@ -17,7 +17,7 @@ from eitskin.effects.effect import START, Moment, Setting
 from eitskin.errors import InputError
 from eitskin.physics.depth import span
 from eitskin.physics.geometry import Geometry
-from eitskin.physics.outline import laid_out
+from eitskin.physics.outline import inside_mm, is_touchable, laid_out
 from eitskin.physics.skin import Skin
 from eitskin.physics.solver import SolvedSkins
 from eitskin.simulate.readings import Sensed, apply_skin, read, sense, stage_settings
@@ -89,8 +89,9 @@ class RecordingSimulator:
     families, each at all its sites; member_derivatives (K, N, M): of the readings by the members'
     coordinates about a fit, which fits near it take as they are; states: those of the frames;
     touched, simulable (N,) bool: whether a frame is touched, and whether its touch is stated well
-    enough; coarse: whether bodies are solved at accuracy train. Raises InputError where no frame
-    can be simulated, or the scale of the readings is unknown and none can be estimated.
+    enough and clear of the edges of electrodes inside; coarse: whether bodies are solved at
+    accuracy train. Raises InputError where no frame can be simulated, or the scale of the readings
+    is unknown and none can be estimated.
     """
 
     coarse = False
@@ -117,7 +118,11 @@ class RecordingSimulator:
         self.touched = recording.frames["touch"].to_numpy(bool)
         self.press = presses(recording)
         self.states = _states(recording.frames)
-        self.simulable = ~self.touched | self.states.notna().all(axis=1).to_numpy()
+        x_mm, y_mm, probe_mm = self.states[["x_mm", "y_mm", "probe_mm"]].to_numpy().T
+        skin = base.nominal_skin if base else recording.skin
+        is_stated = self.states.notna().all(axis=1).to_numpy()
+        is_clear = is_touchable(skin, x_mm + 1j * y_mm, 0.5 * probe_mm)
+        self.simulable = ~self.touched | (is_stated & is_clear)
         self.states.loc[~self.simulable, "touch"] = False
         if not self.simulable.any():
             actual = f"{len(recording.frames)} touches of unknown force or probe"
@@ -424,8 +429,8 @@ def beliefs(recording: Recording) -> tuple[Skin, list[Calibration]]:
     if metadata["unit"] == "arbitrary":
         calibrations.append(Calibration("factor", "1", 1.0, FACTOR_SD))
     if metadata["position_frame"] == "robot" and recording.frames.touch.any():
-        if skin.rim is not None:
-            actual = "robot, on a skin that is no disc"
+        if skin.rim is not None or inside_mm(skin) is not None:
+            actual = "robot, on a skin that is no disc, or has electrodes inside"
             raise InputError("recording", "position_frame", actual, "places in the skin's frame")
         similarity = alignment.fit(recording)
         scale = similarity.scale * (1.0 if skin.radius_mm else radius)

@@ -19,6 +19,7 @@ from eitskin.diagnose.report.evidence import Evidence
 from eitskin.diagnose.search.gates import DISTINCT, NOTHING_UNNAMED
 from eitskin.diagnose.verdict.words import is_certain, last_scores, place_text, sites_text
 from eitskin.effects import EFFECTS
+from eitskin.physics.outline import inside_mm
 from eitskin.plotting import (
     AFTER,
     BEFORE,
@@ -127,7 +128,8 @@ def electrode_ring(evidence: Evidence) -> Figure:
     _draw_pairs(axes, effects, chord_ends, evidence.channels)
     notes = ["seen from the touched side", "dots: touches" if len(places) else "no touches"]
     stated = evidence.recording.skin
-    if stated.electrode_deg is None and stated.rim is None:
+    is_placed = stated.rim is not None or inside_mm(stated) is not None
+    if stated.electrode_deg is None and not is_placed:
         notes.append("angles unknown, drawn evenly")
     line_height = LINE_MM / height_mm
     note_y = line_height * (len(lines) + 0.5)
@@ -138,14 +140,18 @@ def electrode_ring(evidence: Evidence) -> Figure:
 
 
 def _draw_electrodes(axes: Axes, skin: SkinLayout, marks: list[int]) -> None:
-    """A line along the rim and its number for each electrode."""
+    """A line along the rim, or a dot inside, and its number for each electrode."""
     places = skin.scaled(skin.electrodes)
     half_length = min(0.07, 1.2 / len(places))
     for electrode, (place, outward) in enumerate(zip(places, skin.outward, strict=True)):
         is_marked = electrode in marks
         colour = CULPRIT if is_marked else ELECTRODE
-        line = place + 1j * outward * half_length * np.array([-1.0, 1.0])
-        axes.plot(line.real, line.imag, color=colour, linewidth=5 if is_marked else 3.2)
+        if electrode in skin.inside:
+            size = 7 if is_marked else 5
+            axes.plot(place.real, place.imag, "o", color=colour, markersize=size)
+        else:
+            line = place + 1j * outward * half_length * np.array([-1.0, 1.0])
+            axes.plot(line.real, line.imag, color=colour, linewidth=5 if is_marked else 3.2)
         weight = "bold" if is_marked else "normal"
         label = place + NUMBER_GAP * outward
         axes.text(label.real, label.imag, str(electrode), color=colour, weight=weight, **CENTRED)

@@ -61,7 +61,7 @@ def _is_sought(effect: Effect, conditions: Conditions, journal: Journal) -> bool
     for gate, holds in (
         (COMPOSED, not effect.composite),
         (CONTACTS, has_contacts),
-        (MODELLED, effect.on_outlines or skin.rim is None),
+        (MODELLED, effect.is_modelled(skin)),
         (STATED, effect.is_stated(skin, conditions.touched)),
         (TIMED, conditions.timed or effect.driver != "time"),
         (FLOATING, conditions.floating or not effect.last_resort),
@@ -87,7 +87,7 @@ def _sites(
     if not effect.parameters or effect.site_number:
         return
     for kind in kinds:
-        everywhere = tuple(range(conditions.site_counts[kind]))
-        yield kind, everywhere, "dense"
-        if effect.common:
-            yield kind, everywhere, "common"
+        for everywhere in effect.site_groups(conditions.skin, kind, conditions.site_counts[kind]):
+            yield kind, everywhere, "dense"
+            if effect.common:
+                yield kind, everywhere, "common"

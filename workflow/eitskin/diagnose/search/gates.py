@@ -90,13 +90,13 @@ STATED = Gate(
 )
 MODELLED = Gate(
     "modelled",
-    "the effect is modelled on a skin of this outline",
+    "the effect is modelled on a skin of this outline, with these electrodes",
     1,
     "at least",
     "scope",
-    "definition of the effect (`on_outlines`)",
-    "effects of a body, and a gradient of the conductivity",
-    "it is modelled on discs alone, and the skin is none",
+    "definition of the effect (`on_outlines`, `beside_inner`)",
+    "effects of a body, a gradient of the conductivity, and a direction beside electrodes inside",
+    "it is not modelled on this outline, or not beside electrodes inside the skin",
 )
 TIMED = Gate(
     "timed",

@@ -171,14 +171,14 @@ def unobservable(diagnosis: Diagnosis) -> list[str]:
     """Names of the catalogue that the recording could not have shown at a typical size; a last
     resort is none of them, for it is not sought in a recording of the skin that is believed, nor is
     an effect that is not modelled on its outline."""
-    is_disc = diagnosis.named_fit.problem.model.nominal_skin.rim is None
+    skin = diagnosis.named_fit.problem.model.nominal_skin
     named = {c.name for c in diagnosis.explanation.effects}
     return sorted(
         name
         for name in catalogue_names()
         if name not in named
         and not EFFECTS[name].last_resort
-        and (is_disc or EFFECTS[name].on_outlines)
+        and EFFECTS[name].is_modelled(skin)
         and diagnosis.strengths.get(name, 0.0) < OBSERVABLE.threshold
     )
 

@@ -381,7 +381,12 @@ class _RolledElectrodes(RecordingSimulator):
         """The skin, as the board counts its electrodes."""
         skin = super().skin(coordinates)
         assert skin.electrode_deg is not None
-        return replace(skin, electrode_deg=tuple(np.roll(skin.electrode_deg, -1).tolist()))
+        xy_mm = skin.electrode_xy_mm
+        return replace(
+            skin,
+            electrode_deg=tuple(np.roll(skin.electrode_deg, -1).tolist()),
+            electrode_xy_mm=None if xy_mm is None else (*xy_mm[1:], xy_mm[0]),
+        )
 
 
 class _TurnedConnector(RecordingSimulator):

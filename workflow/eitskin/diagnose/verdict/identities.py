@@ -30,6 +30,7 @@ from eitskin.effects.effect import Moment, Setting, SkinEffect
 from eitskin.effects.identity import Identity, NamedEffect, OtherSide, Substitute
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry
+from eitskin.physics.outline import rim_numbers
 from eitskin.physics.skin import Skin
 
 PLACE = "electrode-position"  # that of every electrode, which may follow the other side
@@ -159,19 +160,14 @@ class FittedEffect:
     def gap(self, voltage: np.ndarray, electrodes_follow: bool = False) -> float:
         """Length, in noise units, of what readings (N, M) have beyond those of the fit, to first
         order, when calibrations and the other effects follow; electrodes_follow: or all that is
-        fitted and the place of every electrode."""
+        fitted and the place of every electrode on the rim."""
         fitted = self.explanation.fit
         simulated = self.model.voltage(self.calibration, fitted.settings())
         change = fitted.problem.whitening(voltage - simulated).ravel()
-        if electrodes_follow:
-            sites, skin, scales = (
-                map(int, self.electrodes),
-                self.candidate.skin,
-                self.candidate.scales,
-            )
-            places = Candidate(
-                EFFECTS[PLACE], "electrodes", tuple(sites), "dense", {}, skin, scales
-            )
+        skin, scales = self.candidate.skin, self.candidate.scales
+        sites = tuple(rim_numbers(skin, len(self.electrodes)).tolist())
+        if electrodes_follow and sites:
+            places = Candidate(EFFECTS[PLACE], "electrodes", sites, "dense", {}, skin, scales)
             tangents = Tangents(fitted, reversed(self.search.cache.tangents.values()))
             change = tangents.marginal(change.reshape(tangents.voltage.shape)).ravel()
             change, columns = tangents.project_out(change), tangents.columns(places)

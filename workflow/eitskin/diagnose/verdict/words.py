@@ -79,6 +79,8 @@ UNTOLD = {  # parameters, as a reader is told that they cannot be told
     "F_mid_N": "middle force",
     "shift_deg": "angle",
     "shift_mm": "place",
+    "dx_mm": "place along x",
+    "dy_mm": "place along y",
 }
 APPROXIMATELY = "about"  # before many values that their intervals cannot distinguish
 BOUNDS = {"low": "least", "high": "largest"}
@@ -192,7 +194,8 @@ def effect_sentence(entry: dict, effect: Effect) -> str:
     text = effect.finding_at(values)
     if "amounts" in entry and effect.combination is not None:
         text, estimates = effect.combination.finding(values), estimates | entry["amounts"]
-    if effect.opposite is not None and _are_negative(estimates):
+    has_opposite = effect.opposite is not None and effect.opposite[0] in text
+    if effect.opposite is not None and has_opposite and _are_negative(estimates):
         text = text.replace(*effect.opposite)
         estimates = {key: _negated(estimate) for key, estimate in estimates.items()}
     optional = {key.partition(":")[0] for p in PART.findall(text) for key in GAP.findall(p)}
