@@ -369,7 +369,10 @@ def test_check_says_what_is_there_and_moves_nothing(rig):
     process = start_driver(rig, "check")
     code, output = wait_for_end(process)
     assert code == 0, output
-    assert [line[:4] for line in output.splitlines()] == ["ok  "] * 5
+    expected = ["plan", "robot", "dashboard", "watchdog", "load cell", "board"]
+    assert [line.partition(":")[0] for line in output.splitlines()] == [
+        f"ok  {name}" for name in expected
+    ], output
     rig.begin(fault="board_silent")
     rig.begin(fault="load_cell_nan")
     rig.begin(fault="emergency_stop")

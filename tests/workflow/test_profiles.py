@@ -129,9 +129,10 @@ cp /bin/sleep {folder}/{name}.d/{name} 2>/dev/null
 exit 0
 """
 CLUSTER = """
-import sys, time
+import signal, sys, time
 from pathlib import Path
 import slurm
+signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell's job has ignored
 folder = Path(sys.argv[1])
 slurm.SEARCHED, slurm.SYSTEM_FILE = f"{folder}/bin:{slurm.SEARCHED}", folder / "etc" / "slurm.conf"
 slurm.COMMANDS, slurm.OF_SLURM, slurm.os.geteuid = (), (), lambda: 0
@@ -164,7 +165,7 @@ def test_daemons_end_with_their_cluster_however_it_ends(tmp_path, ending):
     first = cluster("slurm", 1000)
     assert first.stdout.readline() == b"running\n" and len(daemons()) == 4
     first.send_signal(getattr(signal, ending))
-    first.wait()
+    first.wait(60)
     if ending == "SIGKILL":  # the next one does it
         assert len(daemons()) == 4
         assert cluster("next", 0).wait() == 0

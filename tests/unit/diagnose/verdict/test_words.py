@@ -8,6 +8,7 @@ import pytest
 from eitskin import quantities
 from eitskin.diagnose.verdict import words
 from eitskin.effects import EFFECTS
+from eitskin.effects.electrode_position import INSIDE, RIM
 
 COUNTS = {"electrodes": 16, "drives": 16, "measures": 16, "channels": 208}
 
@@ -36,8 +37,25 @@ def entry(name: str, kind: str | None = None, count: int = 0, scope: str = "comm
 CERTAIN = entry("crosstalk") | {"certain": True}
 
 
+def forms(name: str) -> list[tuple[str, list[str]]]:
+    """The sentences of an effect, with gaps, and the parameters of each: of electrodes' places
+    those on the rim, and those inside."""
+    effect = EFFECTS[name]
+    groups = [RIM, INSIDE] if name == "electrode-position" else [tuple(effect.parameters)]
+    inside = {key: 0.5 for key in INSIDE}
+    texts = [effect.finding, effect.finding_at(inside)] if len(groups) > 1 else [effect.finding]
+    return list(zip(texts, map(list, groups), strict=True))
+
+
 def entries(name: str):
     """An effect at one, two and five of its sites, at all alike, and at each its own way."""
+    for _, keys in forms(name):
+        for whole in entries_of_all(name):
+            parameters = {key: whole["parameters"][key] for key in keys}
+            yield {**whole, "parameters": parameters}
+
+
+def entries_of_all(name: str):
     effect = EFFECTS[name]
     for kind in effect.sites:
         for count in (effect.site_number,) if effect.site_number else (1, 2, 5, 9):
@@ -51,7 +69,8 @@ def entries(name: str):
 @pytest.mark.parametrize("name", sorted(EFFECTS))
 def test_every_placeholder_is_a_parameter_and_every_parameter_has_one(name):
     effect = EFFECTS[name]
-    gaps = {gap.partition(":")[0] for gap in words.GAP.findall(effect.finding) if "|" not in gap}
+    texts = [text for text, _ in forms(name)]
+    gaps = {g.partition(":")[0] for t in texts for g in words.GAP.findall(t) if "|" not in g}
     own = effect.parameters.items()
     flags = {key for key, parameter in own if parameter.whole and parameter.optional}
     untold = {effect.polar[1]} if effect.tone else set()  # a tone's phase is of the clock alone
@@ -59,7 +78,8 @@ def test_every_placeholder_is_a_parameter_and_every_parameter_has_one(name):
     optional = {key for key, parameter in own if parameter.optional} - flags
     parts = {
         g.partition(":")[0]
-        for p in words.PART.findall(effect.finding)
+        for t in texts
+        for p in words.PART.findall(t)
         for g in words.GAP.findall(p)
     }
     assert optional - untold <= parts and all(key in words.UNTOLD for key in optional - untold)
@@ -75,19 +95,22 @@ def test_every_sentence_is_whole(name):
         assert (text[0].isupper() or text[0].isdigit()) and text.endswith("."), text
         effect = EFFECTS[name]
         untold = [effect.polar[1]] if effect.tone else []
-        measured = [k for k, p in effect.parameters.items() if not p.whole and k not in untold]
+        measured = [k for k in each["parameters"] if not effect.parameters[k].whole]
+        measured = [k for k in measured if k not in untold]
         assert text.count("90 %: ") >= len(measured), text
 
 
 @pytest.mark.parametrize("name", sorted(EFFECTS))
 def test_what_is_not_given_is_not_said(name):
     effect = EFFECTS[name]
-    optional = [key for key, parameter in effect.parameters.items() if parameter.optional]
-    for key in set(optional) - ({effect.polar[1]} if effect.tone else set()):
-        full = entry(name)
-        some = {**full, "parameters": {k: v for k, v in full["parameters"].items() if k != key}}
-        shorter, longer = words.effect_sentence(some, effect), words.effect_sentence(full, effect)
-        assert len(shorter) < len(longer) and shorter.endswith(".") and "[" not in shorter
+    untold = {effect.polar[1]} if effect.tone else set()
+    for full in entries(name):
+        optional = {key for key in full["parameters"] if effect.parameters[key].optional}
+        for key in optional - untold:
+            some = {k: v for k, v in full["parameters"].items() if k != key}
+            shorter = words.effect_sentence({**full, "parameters": some}, effect)
+            assert len(shorter) < len(words.effect_sentence(full, effect))
+            assert shorter.endswith(".") and "[" not in shorter
 
 
 def said(name: str, *arguments, **values) -> str:
