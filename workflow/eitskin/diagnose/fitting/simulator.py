@@ -17,7 +17,7 @@ from eitskin.effects.effect import START, Moment, Setting
 from eitskin.errors import InputError
 from eitskin.physics.depth import span
 from eitskin.physics.geometry import Geometry
-from eitskin.physics.outline import inside_mm, is_touchable, laid_out
+from eitskin.physics.outline import is_plain_disc, is_touchable, laid_out
 from eitskin.physics.skin import Skin
 from eitskin.physics.solver import SolvedSkins
 from eitskin.simulate.readings import Sensed, apply_skin, read, sense, stage_settings
@@ -429,7 +429,7 @@ def beliefs(recording: Recording) -> tuple[Skin, list[Calibration]]:
     if metadata["unit"] == "arbitrary":
         calibrations.append(Calibration("factor", "1", 1.0, FACTOR_SD))
     if metadata["position_frame"] == "robot" and recording.frames.touch.any():
-        if skin.rim is not None or inside_mm(skin) is not None:
+        if not is_plain_disc(skin):
             actual = "robot, on a skin that is no disc, or has electrodes inside"
             raise InputError("recording", "position_frame", actual, "places in the skin's frame")
         similarity = alignment.fit(recording)

@@ -19,7 +19,7 @@ from eitskin.diagnose.report.evidence import Evidence
 from eitskin.diagnose.search.gates import DISTINCT, NOTHING_UNNAMED
 from eitskin.diagnose.verdict.words import is_certain, last_scores, place_text, sites_text
 from eitskin.effects import EFFECTS
-from eitskin.physics.outline import inside_mm
+from eitskin.physics.outline import is_plain_disc
 from eitskin.plotting import (
     AFTER,
     BEFORE,
@@ -128,8 +128,7 @@ def electrode_ring(evidence: Evidence) -> Figure:
     _draw_pairs(axes, effects, chord_ends, evidence.channels)
     notes = ["seen from the touched side", "dots: touches" if len(places) else "no touches"]
     stated = evidence.recording.skin
-    is_placed = stated.rim is not None or inside_mm(stated) is not None
-    if stated.electrode_deg is None and not is_placed:
+    if stated.electrode_deg is None and is_plain_disc(stated):
         notes.append("angles unknown, drawn evenly")
     line_height = LINE_MM / height_mm
     note_y = line_height * (len(lines) + 0.5)
