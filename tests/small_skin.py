@@ -16,6 +16,17 @@ from eitskin.simulate.readings import simulate
 from simulated_metadata import simulated_metadata
 
 SKIN = Skin(40.0, 3.0, 0.5, tuple(45.0 * np.arange(8)), 5.0, 2e-3, 1e-3, 0.5)
+# The same gel and electrodes on an outline, as its owner states it, but for the places.
+STATED_ON_OUTLINE = {
+    "radius_mm": None,
+    "thickness_mm": 3.0,
+    "conductivity_S_per_m": 0.5,
+    "electrode_deg": None,
+    "electrode_width_mm": 5.0,
+    "contact_impedivity_ohm_m2": 2e-3,
+    "current_A": 1e-3,
+    "contrast_per_N": 0.5,
+}
 CHANNELS = channel_table(8)
 METADATA = simulated_metadata(SKIN, CHANNELS)
 FORCES_N = (1.0, 4.0, 8.0, 3.0)

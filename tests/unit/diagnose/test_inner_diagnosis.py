@@ -16,18 +16,11 @@ from eitskin.physics.geometry import Geometry
 from eitskin.physics.outline import as_stated, laid_out
 from eitskin.physics.skin import Skin
 from eitskin.simulate.readings import simulate
-from small_skin import problem_of
+from small_skin import STATED_ON_OUTLINE, problem_of
 
 RATIO = 4.0
 STATED = {
-    "radius_mm": None,
-    "thickness_mm": 3.0,
-    "conductivity_S_per_m": 0.5,
-    "electrode_deg": None,
-    "electrode_width_mm": 5.0,
-    "contact_impedivity_ohm_m2": 2e-3,
-    "current_A": 1e-3,
-    "contrast_per_N": 0.5,
+    **STATED_ON_OUTLINE,
     "outline": {"shape": "rectangle", "width_mm": 80.0, "height_mm": 60.0},
     "electrode_xy_mm": [
         *([-40.0, 5.0], [3.0, -30.0], [40.0, -4.0], [-2.0, 30.0]),

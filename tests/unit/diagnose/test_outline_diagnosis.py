@@ -13,19 +13,13 @@ from eitskin.physics.forward import Forward
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
+from small_skin import STATED_ON_OUTLINE
 
 N = 16
 SHIFT_MM = 2.0
 WIDTH_MM, HEIGHT_MM = 150.0, 70.0
 STATED = {
-    "radius_mm": None,
-    "thickness_mm": 3.0,
-    "conductivity_S_per_m": 0.5,
-    "electrode_deg": None,
-    "electrode_width_mm": 5.0,
-    "contact_impedivity_ohm_m2": 2e-3,
-    "current_A": 1e-3,
-    "contrast_per_N": 0.5,
+    **STATED_ON_OUTLINE,
     "outline": {"shape": "rectangle", "width_mm": WIDTH_MM, "height_mm": HEIGHT_MM},
     "electrode_s": [(k + 0.3) / N for k in range(N)],
 }
