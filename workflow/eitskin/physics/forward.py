@@ -360,10 +360,9 @@ class Forward:
     def _place_modes(
         self, places: list[Place], couplings: dict[Place, TouchCoupling]
     ) -> list[TouchModes]:
-        touches = [
-            self._with_covered(place, self._coupling(place, computed=couplings.get(place)))
-            for place in places
-        ]
+        touches = [self._coupling(place, computed=couplings.get(place)) for place in places]
+        for i in np.flatnonzero(self.electrodes.covers(places)).tolist():
+            touches[i] = self._with_covered(places[i], touches[i])
         by_size: dict[int, list[int]] = {}
         for i, touch in enumerate(touches):
             by_size.setdefault(len(touch.mass), []).append(i)
@@ -443,10 +442,8 @@ class Forward:
         )
 
     def _with_covered(self, place: Place, touch: TouchCoupling) -> TouchCoupling:
-        """The coupling of a touch with what it does to electrodes inside that it covers, which
+        """The coupling of a touch with what it does to the electrodes inside that it covers, which
         depends on their contacts."""
-        if not self.electrodes.covers([place])[0]:
-            return touch
         within = self.electrodes.covered(place)
         return TouchCoupling(
             block_diag(touch.mass, np.eye(len(within.response))),
