@@ -160,6 +160,16 @@ def test_families_of_a_witness_are_learned_and_predict_what_was_put_aside(dense)
 
 
 @pytest.mark.long
+def test_families_are_learned_again_beside_an_effect():
+    drawn = draw("dense:16 skip-3", 910_010)
+    content = document(diagnosis.diagnose(drawn.recorded), "dense")
+    assert [effect["name"] for effect in content["effects"]] == ["multiplexer-memory"]
+    sizes = {family["name"]: family["sd"]["value"] for family in content["families"]}
+    contacts = np.sqrt(np.mean(drawn.families["contact-impedance"] ** 2))
+    assert sizes["contact-impedance"] == pytest.approx(contacts, rel=0.5)
+
+
+@pytest.mark.long
 def test_an_object_is_found_in_a_dense_world_without_a_reference():
     drawn = draw("dense:16 adjacent object", 1)
     content = document(diagnosis.diagnose(drawn.recorded), "dense")

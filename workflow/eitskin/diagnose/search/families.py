@@ -21,7 +21,12 @@ from eitskin.diagnose.noise.components import COMPONENTS
 from eitskin.diagnose.noise.families import Family
 from eitskin.diagnose.noise.rig_errors import RigErrors
 from eitskin.diagnose.search.explanation import Explanation, added_effect
-from eitskin.diagnose.search.growth import Outcome, at_start, cut_short
+from eitskin.diagnose.search.growth import (
+    Outcome,
+    at_start,
+    cut_short,
+    with_another_effect,
+)
 from eitskin.diagnose.search.refits import calibrated, explain, with_effect
 from eitskin.diagnose.search.screen import chance_p_value, sparse
 from eitskin.diagnose.search.search import Cache, Search
@@ -55,14 +60,46 @@ def with_members(outcome: Outcome) -> Outcome:
     search, calibration, explanation = outcome
     if explanation.rig is None or not family_sds(explanation):
         return outcome
+    search = _with_budget_for_members(search, explanation)
+    in_noise, explanation = _members_joined(search, explanation)
+    return in_noise, _baseline(calibration, in_noise), explanation
+
+
+def grown_with_members(outcome: Outcome) -> Outcome:
+    """`with_members`, and the effects that are warranted beside fitted families.
+
+    What an effect explains is the families' no more: their sizes are learned again after each, and
+    all members fitted anew.
+    """
+    search, calibration, explanation = outcome
+    if explanation.rig is None or not family_sds(explanation):
+        return outcome
+    search = _with_budget_for_members(search, explanation)
+    in_noise, explanation = _members_joined(search, explanation)
+    while (larger := with_another_effect(in_noise, explanation)) is not None:
+        in_noise, explanation = _members_joined(search, larger)
+    return in_noise, _baseline(calibration, in_noise), explanation
+
+
+def _with_budget_for_members(search: Search, explanation: Explanation) -> Search:
+    """A search with MEMBERS_SHARE of a budget more than it has used."""
     if search.spent:
         cut_short(search, explanation)
     budget_used = max(search.budget_used, 1.0) * search.budget_share
-    search = replace(
+    return replace(
         search, cache=Cache(null=search.cache.null), budget_share=budget_used + MEMBERS_SHARE
     )
-    sds, learned, rig = family_sds(explanation), explanation, explanation.rig
-    derivatives = {name: rig.columns[name] for name in sds}
+
+
+def _members_joined(search: Search, explanation: Explanation) -> tuple[Search, Explanation]:
+    """An explanation with the members of its families fitted, and the search beside them, which
+    has no family in its covariance; begun from the sizes in the covariance, or from those of
+    members that are fitted already."""
+    learned, rig = explanation, explanation.rig
+    assert rig is not None
+    sds = family_sds(learned) or _sds(learned.fit.problem.model)
+    derivatives = {name: rig.columns[name] for name in family_sds(learned)}
+    derivatives |= _typical_derivatives(learned.fit.problem.model)
     for _ in range(JOINING_ROUNDS):
         rig_sds = {n: sd for n, sd in learned.error_sds.items() if n not in family_sds(learned)}
         problem = replace(search.problem, whitening=rig.whitening(rig_sds, fitted=True))
@@ -83,8 +120,12 @@ def with_members(outcome: Outcome) -> Outcome:
     in_noise = replace(search.problem, model=model, families={})
     rig = linearised_rig_errors(fitted, in_noise.whitening, search.converter_step)
     search = replace(search, problem=in_noise, rig=rig, cache=Cache(null=search.cache.null))
-    baseline = without_members(calibration, model, rig)
-    return search, baseline, explain(search, fitted, learned.p_values, rig_sds, rig)
+    return search, explain(search, fitted, learned.p_values, rig_sds, rig)
+
+
+def _baseline(calibration: Explanation, in_noise: Search) -> Explanation:
+    """The explanation without effects or members, in the simulator of a search with members."""
+    return without_members(calibration, in_noise.problem.model, in_noise.rig)
 
 
 def _with_culprits(search: Search, explanation: Explanation) -> Explanation:

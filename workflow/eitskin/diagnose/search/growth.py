@@ -269,14 +269,17 @@ def _with_free_channels(search: Search, explanation: Explanation) -> Explanation
     return max(better, key=lambda trial: trial.log_evidence, default=None)
 
 
-def regrown(search: Search, explanation: Explanation) -> Explanation:
-    """An explanation with what is warranted beside its families, which are fitted by now; itself
-    where what is left is no more than noise, and beside a body, of which a trial costs minutes."""
+def with_another_effect(search: Search, explanation: Explanation) -> Explanation | None:
+    """An explanation with one more effect beside its families, which are fitted by now; None where
+    none is warranted, where what is left is no more than noise, and beside a body, of which a trial
+    costs minutes."""
     if any(search.starts_far(effect) for effect in explanation.effects):
-        return explanation
+        return None
     named = named_fit(explanation)
     size = max(named.problem.whitening.size - len(named.theta), 1)
-    return explanation if named.chi2 < size else _grow(search, explanation)
+    if named.chi2 < size or not EFFECTS_OF_A_SET.admits(len(explanation.effects)):
+        return None
+    return _add(search, explanation)
 
 
 def _grow(search: Search, explanation: Explanation) -> Explanation:

@@ -8,7 +8,7 @@ from eitskin.diagnose.fitting.family_sizes import standing_out
 from eitskin.diagnose.fitting.harm import harm
 from eitskin.diagnose.fitting.held_out import gain_over_presses
 from eitskin.diagnose.search.explanation import Explanation
-from eitskin.diagnose.search.families import with_members
+from eitskin.diagnose.search.families import grown_with_members
 from eitskin.diagnose.search.gates import (
     ACCEPTABLE,
     CULPRIT,
@@ -19,7 +19,7 @@ from eitskin.diagnose.search.gates import (
     RANGE,
     STANDARD_ERRORS,
 )
-from eitskin.diagnose.search.growth import Outcome, regrown
+from eitskin.diagnose.search.growth import Outcome
 from eitskin.diagnose.search.journal import Journal
 from eitskin.diagnose.search.prediction import acceptance_p_value, named_prediction, predicted
 from eitskin.diagnose.search.refits import named_fit, reduced, settled
@@ -36,9 +36,7 @@ def pruned(outcome: Outcome, units: np.ndarray, noise_dof: float) -> Outcome:
     search, calibration, after = outcome
     was_replaced = replaces_instrument(after.effects)
     search, after = settled(search, after)
-    in_noise, calibration, after = with_members((search, calibration, after))
-    if in_noise is not search:
-        after = regrown(in_noise, after)
+    in_noise, calibration, after = grown_with_members((search, calibration, after))
     after = _earning(in_noise, after, units, noise_dof)
     if was_replaced and not replaces_instrument(after.effects):
         in_noise = in_noise.restored()
