@@ -26,7 +26,9 @@ from eitskin.data import recording
 pytestmark = pytest.mark.rehearsal
 
 KILLS, PLACES, SPEEDUP = 20, 24, 4.0
-FAULT, LATE = 4, {"robot clock", "robot program", "late", "load cell silent"}  # of a busy machine
+FAULT = 4
+# Stops of a busy machine: the arm stands, and the next run goes on.
+LATE = {"robot clock", "robot lost", "robot program", "late", "load cell silent"}
 RESUMED = 5  # times at most, from the last kill to the end, where the machine is busy
 MOST_EVENTS = 200  # of the emulator, from a run's beginning to its kill: some three presses
 

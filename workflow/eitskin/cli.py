@@ -55,6 +55,7 @@ examples:
 examples:
   eitskin diagnose skin.parquet
   eitskin diagnose skin.parquet --skin skin.yaml --out monday
+  eitskin diagnose tank.csv --part target
   eitskin diagnose skin.parquet --query elsewhere.parquet --json > monday.json
   eitskin diagnose longer.parquet --earlier monday/effects.yaml
 """,
@@ -199,8 +200,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_path(comparing, "control", "the earlier recording, in any known format")
     _add_path(comparing, "later", "the later one, read in the same way")
     _add_reading(comparing)
-    part = "of LATER, frames otherwise left out: target (pyeidors-tank), v_rotate:K (iirc-tank)"
-    comparing.add_argument("--part", help=part)
+    _add_part(comparing, "of LATER, ")
     _add_frames(comparing, "--control-frames", "of CONTROL, these frames alone")
     _add_frames(comparing, "--later-frames", "of LATER, or its part, these alone")
     _add_path(comparing, "--out", "the folder to write, by default comparison-A-vs-B", shtab.DIR)
@@ -252,7 +252,14 @@ def _add_source(command: argparse.ArgumentParser) -> None:
     """The recording that a command reads."""
     _add_path(command, "file", "a recording in any known format")
     _add_reading(command)
+    _add_part(command, "")
     _add_frames(command, "--frames", "of these frames alone")
+
+
+def _add_part(command: argparse.ArgumentParser, whose: str) -> None:
+    """Frames that a format leaves out unless they are asked for."""
+    words = "frames otherwise left out, read as untouched: target (pyeidors-tank), v_rotate:K"
+    command.add_argument("--part", help=f"{whose}{words} (iirc-tank)")
 
 
 def _add_frames(command: argparse.ArgumentParser, name: str, purpose: str) -> None:
@@ -293,9 +300,10 @@ def _load(
     return read(file, arguments.skin, frames, part=part, **settings)
 
 
-def _stem(file: str, frames: tuple[int, int] | None) -> str:
-    """Part of the default name of a folder: the name of a recording or of a stretch of it."""
-    name = answers.name(file)
+def _stem(file: str, frames: tuple[int, int] | None, part: str | None = None) -> str:
+    """Part of the default name of a folder: the name of a recording, or of a part or a stretch of
+    it."""
+    name = answers.name(file) if part is None else f"{answers.name(file)}-{part.replace(':', '-')}"
     return name if frames is None else "{}-frames-{}-{}".format(name, *frames)
 
 
@@ -319,7 +327,7 @@ def _stretch(text: str) -> tuple[int, int]:
 
 def _source(arguments: argparse.Namespace) -> Recording:
     """The command's recording, or the requested stretch of it."""
-    return _load(arguments.file, arguments, arguments.frames)
+    return _load(arguments.file, arguments, arguments.frames, arguments.part)
 
 
 def _checked(
@@ -362,7 +370,7 @@ def _print_step_commands(checked: check.Check, count: int, arguments: argparse.N
     if not steps and not stretches:
         return
     argument_values = vars(arguments)
-    options = ("format", "order", "drive", "measure", "array", "frequency", "skin", "query")
+    options = ("format", "order", "drive", "measure", "array", "frequency", "part", "skin", "query")
     option_values = [
         (f"--{key}", str(argument_values[key]))
         for key in options
@@ -462,7 +470,7 @@ def _diagnose(arguments: argparse.Namespace) -> int:
     earlier = None
     if arguments.earlier is not None:
         earlier = starting_point.read(arguments.earlier, recorded.channels)
-    name = _stem(arguments.file, arguments.frames)
+    name = _stem(arguments.file, arguments.frames, arguments.part)
     folder_path = Path(arguments.out or f"diagnosis-{name}")
     if folder_path.is_dir():
         with held_folder(folder_path):

@@ -124,7 +124,11 @@ class Candidate:
                 _, angle_key, multiple = self.effect.polar
                 values[angle_key] = float(np.degrees(angle) / multiple)
             else:
-                value = neutral * np.exp(change) if _logarithmic(parameter) else neutral + change
+                if _logarithmic(parameter):
+                    span = np.log(parameter.high / parameter.low)
+                    value = neutral * np.exp(np.clip(change, -span, span))
+                else:
+                    value = neutral + change
                 value = np.clip(value, parameter.low, parameter.high)
                 per_site = self.scope in ("sparse", "dense") and parameter.dense
                 values[key] = value if per_site and sites is not None else float(value[0])
