@@ -447,11 +447,14 @@ def numbering(recording: Recording) -> list[Finding]:
     fit = wiring.numbering(recording)
     if fit is None:
         return []
-    turn_text = f"{decimal(fit.turn_deg, 0, sign=True)} degrees (counter-clockwise) from"
-    sentence = (
-        f"the {fit.touches} strongest touches light up {turn_text} where the file puts them, and"
-        f" after that turn within {fit.residual_radii:.2f} of the radius (median)."
-    )
+    distance_text = f"within {fit.residual_radii:.2f} of the radius (median)"
+    sentence = f"the {fit.touches} strongest touches light up where the file puts them"
+    if decimal(fit.turn_deg, 0) == "0":
+        sentence += f", {distance_text}."
+    else:
+        turn_text = decimal(fit.turn_deg, 0, sign=True)
+        sentence += f" turned by {turn_text} degrees (counter-clockwise), and after that turn"
+        sentence += f" {distance_text}."
     if fit.is_lost:
         sentence += " No turn brings them there: places and readings may not belong together."
     if fit.centre_mm is not None:

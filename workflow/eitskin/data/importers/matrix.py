@@ -30,6 +30,7 @@ from eitskin.data.importers.matrix_description import (
     DESCRIBING_KEYS,
     PLACED,
     description_path,
+    in_recordings_unit,
     labels_path,
     missing_description,
     missing_labels,
@@ -46,7 +47,7 @@ from eitskin.physics.geometry import even_angles
 LEFT_OPEN = ("order", "drive", "measure", "array")
 TRUE, FALSE = ("1", "1.0", "true", "yes"), ("0", "0.0", "false", "no")
 BLANK = "{} touched frames, whose place the labels leave blank, left out"
-TABLE_SUFFIXES = (".csv", ".tsv")
+TABLE_SUFFIXES = (".csv", ".tsv", ".txt")
 MIN_COLUMNS = 8  # of a matrix without a description: narrower tables are something else
 
 
@@ -120,6 +121,8 @@ def load(
     description = description | caller_settings
     table = _unwrapped(matrix_table.read(path, description, array), description.get("electrodes"))
     n_frames, width = table.readings.shape
+    if "unit" not in description:
+        description = description | in_recordings_unit(table.unit)
     if table.channels is not None and not {"drive", "measurement"} & description.keys():
         description = description | {"measurement": table.channels}
     elif "measurement" not in description:
@@ -268,7 +271,7 @@ def _recording(path: Path, description: dict, table: Table, layout: Layout) -> R
         kind,
         position_frame=description.get("position_frame", "skin"),
         values=description.get("values", "absolute"),
-        unit=description.get("unit", table.unit or "arbitrary"),
+        unit=description.get("unit", "arbitrary"),
         clock=description.get("clock", "measured" if is_timed else "index"),
         skin=skin | {"electrode_deg": angles},
     )
