@@ -140,6 +140,7 @@ def first_screen(document: dict) -> str:
     shown = SimpleNamespace(
         diagnosis=document,
         recording=RECORDED,
+        frames=RECORDED.frames,
         channels=channel_table(16),
         reading_unit="V",
         experiment=experiment_of(document),
@@ -206,7 +207,7 @@ def test_of_names_that_cannot_be_told_apart_the_plainest_speaks():
     text = first_screen(document)
     assert "Nothing is certain yet; to try first: measure the angle of every electrode." in text
     said = "Perhaps it is the electrode position: this recording cannot tell it from"
-    assert f"{said} domain shape and anisotropy. By anisotropy it reads: the gel conducts" in text
+    assert f"{said} domain shape and anisotropy. By anisotropy it reads: the skin conducts" in text
     for alternatives in ([], ["common-mode"]):
         assert opening.plainest(effect | {"alternatives": alternatives}) == effect | {
             "alternatives": alternatives

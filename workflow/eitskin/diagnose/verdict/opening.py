@@ -22,6 +22,7 @@ from eitskin.effects.effect import SITES
 from eitskin.quantities import listed, quantity
 
 INTERVAL = re.compile(r" \(90 %: [^)]*\)")
+INSTEAD = ". Instead "  # begins another cause of the same readings
 SENTENCE_END = re.compile(r"(?<=\.) (?=[A-Z])")
 HARDLY_CHANGED = 0.9  # of the error before: more than that is hardly a change
 MOST_NAMES = 3  # of a list in a sentence; the rest are others
@@ -38,6 +39,7 @@ PLAINEST = (
 CONSISTENT = (
     "Nothing is missing that this recording could show: the simulation can be used as it is."
 )
+PRESSES = "presses at known places and forces, from light to hard, with two known probes"
 WORTH = "The one experiment worth doing"
 UNNAMED = "Something is wrong that has no name here"
 
@@ -47,7 +49,9 @@ def opening(diagnosis: dict, channels: np.ndarray) -> str:
     to do about it; where nothing is, what to try first. channels (M, 4): the recording's."""
     certain, candidates = findings(diagnosis)
     if certain:
-        return f"{_bare(certain[0]['sentence'])}: {_advice(certain[0], channels)}."
+        sentence = certain[0]["sentence"]
+        or_else = " (or what reads the same, below)" if INSTEAD in sentence else ""
+        return f"{_bare(sentence)}{or_else}: {_advice(certain[0], channels)}."
     trial_text = ""
     if candidates:
         trial_text = f"to try first: {_advice(plainest(candidates[0]), channels)}."
@@ -170,6 +174,9 @@ def experiment_sentence(diagnosis: dict, experiment: dict) -> str:
         by_recording.setdefault(EFFECTS[name].shown_by, []).append(name)
     if not by_recording:
         return ""
+    of_touches = [name for name, effect in EFFECTS.items() if effect.stage == "touch"]
+    if {*of_touches} <= {*diagnosis["unobservable"]}:
+        return f"{WORTH}: {PRESSES}; they could show {names_text(of_touches)}."
     recording = max(by_recording, key=lambda text: len(by_recording[text]))
     return f"{WORTH}: {recording}; it could show {names_text(by_recording[recording])}."
 

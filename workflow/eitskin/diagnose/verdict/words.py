@@ -50,7 +50,7 @@ SOME_CERTAIN = (
     " certain."
 )
 CALIBRATIONS = {
-    "conductivity_S_per_m": "the gel's conductivity",
+    "conductivity_S_per_m": "the skin's conductivity",
     "radius_mm": "the skin's radius",
     "thickness_mm": "the skin's thickness",
     "contact_impedivity_ohm_m2": "the contact impedivity of all electrodes",
