@@ -44,7 +44,7 @@ class ContactImpedance(SkinEffect):
     scaled_attribute = "contact_impedivity_ohm_m2"
     parameters = {"ratio": Parameter("1", 1.0, 1e-3, 1e3)}
     source = "Cheng, Isaacson, Newell, Gisser 1989"
-    mend = "clean and re-seat electrode {site}, and see whether that changes it"
+    mend = "clean and re-seat electrode {site}"
     finding = "{site} {has|have} {ratio} times the contact impedance that the simulation assumes."
     shown_by = "absolute values, with the driven electrodes measured too"
     confusable = ("electrode-width", "electrode-open")

@@ -1,6 +1,7 @@
 """The answer of a diagnosis as HTML: what is certain and what it changed, what is a little wrong
 everywhere, candidates, what is not known, and how to use it."""
 
+import re
 from html import escape
 
 import numpy as np
@@ -50,7 +51,7 @@ def warnings(evidence: Evidence) -> str:
     """What the check of the recording warns of, folded unless it is unusable; "" for nothing."""
     report = check.check(evidence.recording)
     found = (*report.of_severity(check.ERROR), *report.of_severity(check.WARNING))
-    items = [f"<li>{escape(finding.topic)}: {escape(finding.sentence)}</li>" for finding in found]
+    items = [f"<li>{escape(finding.topic)}: {_marked(finding.sentence)}</li>" for finding in found]
     if not items:
         return ""
     advice = ""
@@ -60,13 +61,18 @@ def warnings(evidence: Evidence) -> str:
             " prints the commands that make a report of each part.</p>"
         )
     if len(items) == 1 and report.ok and not advice:
-        return f"<div class='warning'><p>The check warns: {escape(found[0].sentence)}</p></div>"
+        return f"<div class='warning'><p>The check warns: {_marked(found[0].sentence)}</p></div>"
     listing = f"<ul>{''.join(items)}</ul>{advice}"
     if not report.ok:
         return f"<div class='warning'><p>This recording is not usable:</p>{listing}</div>"
     topics = listed([*dict.fromkeys(finding.topic for finding in found)])
     head = f"The check of this recording warns: {escape(topics)}"
     return f"<details class='warning'><summary>{head}</summary>{listing}</details>"
+
+
+def _marked(sentence: str) -> str:
+    """A sentence of the check as HTML, what a person types in it as code."""
+    return re.sub("`([^`]+)`", r"<code>\1</code>", escape(sentence))
 
 
 def answer(evidence: Evidence, hidden: str) -> str:
@@ -228,9 +234,9 @@ def _unknown_touches(evidence: Evidence) -> list[str]:
 
 
 def _unknown_text(is_unknown: pd.DataFrame) -> str:
-    """`their force is not known`, of touches with such columns that are unknown."""
+    """`the force is not known`, of touches with such columns that are unknown."""
     nouns = [noun for key, noun in TOUCH_COLUMNS.items() if is_unknown[key].any()]
-    return f"their {' or '.join(dict.fromkeys(nouns))} is not known"
+    return f"the {' or '.join(dict.fromkeys(nouns))} is not known"
 
 
 def _change_figure(k: int, drawing: str, evidence: Evidence) -> str:

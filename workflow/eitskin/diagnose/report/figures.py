@@ -277,7 +277,7 @@ def hidden_error(evidence: Evidence) -> Figure:
         image = draw_matrix(axes, evidence.channels, panel / factor, norm, DARKENING)
         image.set_cmap(image.get_cmap().with_extremes(bad="white"))
         rms = float(np.sqrt(np.nanmean(error**2)))
-        size = quantity(rms, evidence.reading_unit).removesuffix(f" {UNITS['arbitrary']}")
+        size = quantity(rms, evidence.reading_unit).removesuffix(UNITS["arbitrary"]).rstrip()
         axes.set_title(f"{title}: {size}", color=colour)
     row[0].set_ylabel("drive, source electrode")
     row[0].invert_yaxis()

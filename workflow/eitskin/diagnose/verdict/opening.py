@@ -40,6 +40,7 @@ CONSISTENT = (
     "Nothing is missing that this recording could show: the simulation can be used as it is."
 )
 PRESSES = "presses at known places and forces, from light to hard, with two known probes"
+OF_TOUCHES = tuple(name for name, effect in EFFECTS.items() if effect.stage == "touch")
 WORTH = "The one experiment worth doing"
 UNNAMED = "Something is wrong that has no name here"
 
@@ -133,7 +134,7 @@ def candidate_sentence(effect: dict) -> str:
     location = f" of {place}" if place else ""
     return (
         f"Perhaps it is the {plain(spoken['name'])}{location}: this recording cannot tell it from"
-        f" {names_text(rivals)}. By {plain(effect['name'])} it reads: {_lowered(text[8:])}"
+        f" {names_text(rivals)}. If it is {plain(effect['name'])}, {_lowered(text[8:])}"
     )
 
 
@@ -147,7 +148,9 @@ def unknown_sentences(diagnosis: dict) -> list[str]:
         and last_scores(diagnosis)["chi2_per_dof_after"] > SHARED_MISFIT
     ):
         lines.append("More is left than the noise accounts for.")
-    if diagnosis["unobservable"]:
+    if {*OF_TOUCHES} <= {*diagnosis["unobservable"]}:
+        lines.append("This recording could not have shown what touches do.")
+    elif diagnosis["unobservable"]:
         names = names_text(diagnosis["unobservable"])
         lines.append(f"This recording could not have shown {names}.")
     return lines + bound_sentences(diagnosis["calibration"])
@@ -162,10 +165,11 @@ def experiment_sentence(diagnosis: dict, experiment: dict) -> str:
             by_recipe.setdefault(pair["recipe"], []).append(pair)
     if by_recipe:
         recipe = max(by_recipe, key=lambda text: len(by_recipe[text]))
-        pairs = [
-            f"{plain(pair['a'])} from {plain(pair['b'])}" for pair in by_recipe[recipe][:MOST_NAMES]
-        ]
-        return f"{WORTH}: {_lowered(recipe).rstrip('.')}; that would tell {listed(pairs)}."
+        rivals: dict[str, list[str]] = {}
+        for pair in by_recipe[recipe][:MOST_NAMES]:
+            rivals.setdefault(pair["a"], []).append(plain(pair["b"]))
+        told = [f"{plain(name)} from {listed(others)}" for name, others in rivals.items()]
+        return f"{WORTH}: {_lowered(recipe).rstrip('.')}; that would tell {'; '.join(told)}."
     if experiment["pairs"]:
         pair = experiment["pairs"][0]
         return f"Nothing that was tried would tell {plain(pair['a'])} from {plain(pair['b'])}."
@@ -174,9 +178,8 @@ def experiment_sentence(diagnosis: dict, experiment: dict) -> str:
         by_recording.setdefault(EFFECTS[name].shown_by, []).append(name)
     if not by_recording:
         return ""
-    of_touches = [name for name, effect in EFFECTS.items() if effect.stage == "touch"]
-    if {*of_touches} <= {*diagnosis["unobservable"]}:
-        return f"{WORTH}: {PRESSES}; they could show {names_text(of_touches)}."
+    if {*OF_TOUCHES} <= {*diagnosis["unobservable"]}:
+        return f"{WORTH}: {PRESSES}."
     recording = max(by_recording, key=lambda text: len(by_recording[text]))
     return f"{WORTH}: {recording}; it could show {names_text(by_recording[recording])}."
 
@@ -205,7 +208,7 @@ def use_sentence(diagnosis: dict) -> tuple[str, bool]:
 
 def plain(name: str) -> str:
     """A name of the catalogue as words of a sentence."""
-    return name.replace("-", " ")
+    return re.sub(r"\badc\b", "ADC", name.replace("-", " "))
 
 
 def names_text(names: Sequence[str]) -> str:
