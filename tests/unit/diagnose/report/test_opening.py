@@ -214,6 +214,17 @@ def test_of_names_that_cannot_be_told_apart_the_plainest_speaks():
         }
 
 
+def test_a_small_difference_and_the_errors_of_the_rig_are_said():
+    scores = {"rms_before_V": 3.0e-5, "rms_after_V": 2.9e-5}
+    document = drawn(0) | {"verdict": "explained", "fit": {"last": scores, "held_out": scores}}
+    document |= {"noise_V": 2.0e-5}
+    assert opening.extent(document).endswith(", which is small here.")
+    assert opening.error_sentence(document, "V").endswith(", and errors of the rig come on top.")
+    document["fit"]["last"] = {"rms_before_V": 9.0e-5, "rms_after_V": 2.0e-5}
+    assert opening.extent(document).endswith("between simulation and recording.")
+    assert "errors of the rig" not in opening.error_sentence(document, "V")
+
+
 def test_the_one_experiment_tells_most_apart():
     pair = {"a": "offset", "b": "channel-gain", "gap_now": 1.0, "gap_then": 9.0, "recipe": "Wait."}
     others = [pair | {"b": name, "recipe": "Press harder"} for name in ("gain-walk", "ground-leak")]

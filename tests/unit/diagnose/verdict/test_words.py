@@ -129,6 +129,15 @@ def test_one_site():
     )
 
 
+def test_values_of_both_signs_are_counted_towards_larger_angles():
+    made = entry("electrode-position", "electrodes", 2, "sparse")
+    shifts = {"value": [-0.4, 0.3], "low": [-0.5, 0.2], "high": [-0.3, 0.4], "unit": "deg"}
+    text = words.effect_sentence(
+        made | {"parameters": {"shift_deg": shifts}}, EFFECTS["electrode-position"]
+    )
+    assert text.endswith("counted towards larger angles.")
+
+
 @pytest.mark.parametrize("name", sorted(EFFECTS))
 def test_a_candidate_is_said_with_a_perhaps(name):
     for each in entries(name):

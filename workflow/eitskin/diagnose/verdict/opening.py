@@ -24,6 +24,7 @@ from eitskin.quantities import listed, quantity
 INTERVAL = re.compile(r" \(90 %: [^)]*\)")
 INSTEAD = ". Instead "  # begins another cause of the same readings
 SENTENCE_END = re.compile(r"(?<=\.) (?=[A-Z])")
+CLEARLY_MORE = 1.1  # times the noise of a reading
 HARDLY_CHANGED = 0.9  # of the error before: more than that is hardly a change
 MOST_NAMES = 3  # of a list in a sentence; the rest are others
 SHARED_MISFIT = 1.05  # chi squared a degree of freedom: more than the noise is left
@@ -52,7 +53,8 @@ def opening(diagnosis: dict, channels: np.ndarray) -> str:
     if certain:
         sentence = certain[0]["sentence"]
         or_else = " (or what reads the same, below)" if INSTEAD in sentence else ""
-        return f"{_bare(sentence)}{or_else}: {_advice(certain[0], channels)}."
+        mark = ";" if ": " in _bare(sentence) else ":"
+        return f"{_bare(sentence)}{or_else}{mark} {_advice(certain[0], channels)}."
     trial_text = ""
     if candidates:
         trial_text = f"to try first: {_advice(plainest(candidates[0]), channels)}."
@@ -84,7 +86,8 @@ def extent(diagnosis: dict) -> str:
     if diagnosis["verdict"] == "consistent":
         return ""
     if diagnosis["verdict"] == "explained":
-        return "This explains the difference between simulation and recording."
+        text = "This explains the difference between simulation and recording"
+        return f"{text}, which is small here." if _hardly_changes(diagnosis) else f"{text}."
     if certain or diagnosis.get("families"):
         return "This explains a part of the difference between simulation and recording."
     if candidates:
@@ -101,14 +104,23 @@ def error_sentence(diagnosis: dict, unit: str) -> str:
         role = "that were left out in turn"
     before, after = (scores[f"rms_{key}_V"] for key in ("before", "after"))
     noise = f"the noise of a reading is {quantity(diagnosis['noise_V'], unit)}"
+    is_accounted_for = diagnosis["verdict"] in ("consistent", "explained")
+    if is_accounted_for and after > CLEARLY_MORE * diagnosis["noise_V"]:
+        noise += ", and errors of the rig come on top"
     if before == after:
         return f"On readings {role} the simulation is off by {quantity(after, unit)}; {noise}."
     change = f"from {quantity(before, unit)} to {quantity(after, unit)}"
-    if HARDLY_CHANGED < after / before <= 1.0:
+    if _hardly_changes(diagnosis):
         return f"On readings {role} the error of the simulation hardly changes, {change}; {noise}."
     if after > before:
         return f"On readings {role} the error of the simulation does not fall: {change}; {noise}."
     return f"On readings {role} the error of the simulation falls {change}; {noise}."
+
+
+def _hardly_changes(diagnosis: dict) -> bool:
+    """Whether the error on readings that the diagnosis did not use falls by little."""
+    scores = last_scores(diagnosis)
+    return HARDLY_CHANGED * scores["rms_before_V"] < scores["rms_after_V"] <= scores["rms_before_V"]
 
 
 def plainest(effect: dict) -> dict:
@@ -192,7 +204,12 @@ def use_sentence(diagnosis: dict) -> tuple[str, bool]:
     if not (diagnosis["effects"] or diagnosis.get("families")):
         if diagnosis["verdict"] == "consistent":
             return "The simulation needs no correction.", True
-        return "Nothing is corrected, as nothing has a name: find out first what is wrong.", False
+        text = (
+            "Nothing is corrected, as nothing has a name. Look in this order at what eitskin check"
+            " warns of, at numbers of the skin that were guessed, and at the labels of touches;"
+            " then record a known skin and compare."
+        )
+        return text, False
     if scores["rms_after_V"] > scores["rms_before_V"]:
         text = (
             "The corrected simulator is no better on readings that it never saw: use it for nothing"
