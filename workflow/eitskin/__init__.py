@@ -34,5 +34,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    loaded = [name for name, value in globals().items() if isinstance(value, ModuleType)]
-    return sorted({*__all__, *loaded, *filter(lambda name: name.startswith("__"), globals())})
+    submodules = [name for name, value in globals().items() if isinstance(value, ModuleType)]
+    return sorted({*__all__, *submodules, *filter(lambda name: name.startswith("__"), globals())})

@@ -114,8 +114,8 @@ def _from_text(path: Path, columns: dict) -> Table:
         places["time_s"] = clock
         renamed[names[clock]] = "time_s"
     places |= {f"{NOTE}{names[column]}": column for column in words}
-    others = {*index, *places.values()}
-    reading_columns = [column for column in free_columns if column not in others]
+    label_columns = {*index, *places.values()}
+    reading_columns = [column for column in free_columns if column not in label_columns]
     labels = {
         name: _label(cells, name, column, factors.get(name)) for name, column in places.items()
     }
@@ -145,10 +145,10 @@ def _labels_in_units(
         for name in names
         if not is_label(name) and (meaning := label_in_unit(name)) and meaning[0] not in places
     }
-    named = {label for label, _ in meanings.values()}
+    labels_by_name = {label for label, _ in meanings.values()}
     for name in names:
         meaning = None if is_label(name) or name in meanings else label_of_unit(name)
-        if meaning and meaning[0] not in places and meaning[0] not in named:
+        if meaning and meaning[0] not in places and meaning[0] not in labels_by_name:
             meanings[name] = meaning
     labels = [label for label, _ in meanings.values()]
     single = {name: meaning for name, meaning in meanings.items() if labels.count(meaning[0]) == 1}

@@ -68,9 +68,9 @@ def hidden_caption(evidence: Evidence) -> dict[str, str]:
         of = "On the readings that the diagnosis used: none that it did not are kept here."
     after = corrected_by(evidence)
     is_apart = has_hidden_errors(evidence) and evidence.last_channels.any()
-    both = ", before and after, in one scale" if is_corrected(evidence) else ""
+    comparison = ", before and after, in one scale" if is_corrected(evidence) else ""
     return {
-        "channels": f"in {'the channels put aside' if is_apart else 'every channel'}{both}",
+        "channels": f"in {'the channels put aside' if is_apart else 'every channel'}{comparison}",
         "of": of,
         "after": f" After: {after}." if after else "",
         "white": "used by the diagnosis, or not read" if is_apart else "not read",

@@ -180,8 +180,8 @@ def experiment_sentence(diagnosis: dict, experiment: dict) -> str:
         rivals: dict[str, list[str]] = {}
         for pair in by_recipe[recipe][:MOST_NAMES]:
             rivals.setdefault(pair["a"], []).append(plain(pair["b"]))
-        told = [f"{plain(name)} from {listed(others)}" for name, others in rivals.items()]
-        return f"{WORTH}: {_lowered(recipe).rstrip('.')}; that would tell {'; '.join(told)}."
+        pair_texts = [f"{plain(name)} from {listed(names)}" for name, names in rivals.items()]
+        return f"{WORTH}: {_lowered(recipe).rstrip('.')}; that would tell {'; '.join(pair_texts)}."
     if experiment["pairs"]:
         pair = experiment["pairs"][0]
         return f"Nothing that was tried would tell {plain(pair['a'])} from {plain(pair['b'])}."
