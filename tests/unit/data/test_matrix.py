@@ -309,7 +309,9 @@ def test_units_below_the_names_and_a_clock_are_read(write):
     assert recording.frames["time_s"].tolist() == pytest.approx([0.0, 0.6, 60.0])
     assert "when taken for time_s" in recording.metadata["source"]
     np.testing.assert_allclose(recording.readings, 1e-3 * frames(3))
-    refused(write("\n".join(map(",".join, head + rows + head[:1])), ADJACENT), "names again")
+    again = "\n".join(map(",".join, head + rows + head[:1]))
+    refused(write(again, ADJACENT), "names again")
+    refused(write(again, None, "skin.txt"), "names again")
 
 
 def test_an_instrument_s_word_for_no_reading_is_a_lost_reading(write):

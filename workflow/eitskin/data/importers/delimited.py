@@ -197,6 +197,13 @@ def table(path: Path, columns: int) -> np.ndarray:
     return cells.numbers(list(range(columns)))
 
 
+def has_row_of_numbers(path: Path, width: int) -> bool:
+    """Whether a line of a file has so many numbers, in whatever dress."""
+    lines = path.read_bytes().decode("latin-1").splitlines()
+    cells = (re.split(r"[;,\t ]+", line.strip()) for line in lines)
+    return any(sum(is_number(cell, False) for cell in row if cell) >= width for row in cells)
+
+
 def number(cell: str, comma: bool) -> float | complex:
     """The real or complex number in a cell, NaN where it is one of LOST; raises ValueError for
     other words and for infinity."""

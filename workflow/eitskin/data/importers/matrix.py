@@ -23,7 +23,13 @@ import numpy as np
 import pandas as pd
 
 from eitskin.data import subset
-from eitskin.data.importers import bare_vectors, matrix_table, named_columns, protocol_search
+from eitskin.data.importers import (
+    bare_vectors,
+    delimited,
+    matrix_table,
+    named_columns,
+    protocol_search,
+)
 from eitskin.data.importers.bare_vectors import GROUND, Layout
 from eitskin.data.importers.description import describe
 from eitskin.data.importers.matrix_description import (
@@ -47,7 +53,7 @@ from eitskin.physics.geometry import even_angles
 LEFT_OPEN = ("order", "drive", "measure", "array")
 TRUE, FALSE = ("1", "1.0", "true", "yes"), ("0", "0.0", "false", "no")
 BLANK = "{} touched frames, whose place the labels leave blank, left out"
-TABLE_SUFFIXES = (".csv", ".tsv", ".txt")
+TABLE_SUFFIXES = (".csv", ".tsv")
 MIN_COLUMNS = 8  # of a matrix without a description: narrower tables are something else
 
 
@@ -75,7 +81,9 @@ def accepts(path: Path) -> bool:
     try:
         table = _unwrapped(matrix_table.read(path, {}), None)
     except InputError:
-        if is_workbook(path) or path.suffix.lower() in TABLE_SUFFIXES:
+        suffix = path.suffix.lower()
+        is_text_table = suffix == ".txt" and delimited.has_row_of_numbers(path, MIN_COLUMNS)
+        if is_workbook(path) or suffix in TABLE_SUFFIXES or is_text_table:
             raise
         return False
     rows, width = table.readings.shape
