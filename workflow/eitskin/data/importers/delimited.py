@@ -28,7 +28,7 @@ from eitskin.progress import patient
 
 LOST = (
     *("", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---"),
-    *("ovf", "ovr", "ovld", "ol", "overflow", "overload", "overrange", "open"),
+    *("ovf", "ovr", "ovld", "ol", "overflow", "overload", "overrange"),
 )
 UNITS = (
     *(
