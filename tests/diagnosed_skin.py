@@ -239,8 +239,7 @@ def _contact_effect() -> dict:
         "share": 0.997,
         "evidence": {"elpd_gain": 4120.0, "elpd_se": 61.3, "p_value": 1e-5},
         "gap": 11.2,
-        "sentence": "Electrode 7 touches the gel through 2.1 times the contact impedance that the"
-        " simulation assumes.",
+        "sentence": "Electrode 7 has 2.1 times the contact impedance that the simulation assumes.",
     }
 
 

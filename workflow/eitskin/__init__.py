@@ -1,14 +1,17 @@
 """eitskin: physics, learning and diagnosis of EIT tactile skins.
 
 From Python: `read`, `simulate`, `jacobian`, `effect_jacobian`, `pixels`, `diagnose`, `compare`,
-`Report`, `Simulator` (`eitskin.scripting`, `eitskin.simulators`). They are imported on first use.
+`Report`, `Simulator` (`eitskin.scripting`, `eitskin.simulators`), `InputError` (`eitskin.errors`).
+They are imported on first use.
 """
 
 from importlib import import_module
+from types import ModuleType
 from typing import Any
 
 SCRIPTING = "eitskin.scripting"
 MODULES = {  # of the names that are offered
+    "InputError": "eitskin.errors",
     "Report": SCRIPTING,
     "Simulator": "eitskin.simulators",
     "compare": SCRIPTING,
@@ -31,4 +34,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    submodules = [name for name, value in globals().items() if isinstance(value, ModuleType)]
+    return sorted({*__all__, *submodules, *filter(lambda name: name.startswith("__"), globals())})

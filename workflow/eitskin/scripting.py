@@ -21,12 +21,13 @@ from eitskin.diagnose.compare.result import comparison
 from eitskin.diagnose.fitting.excerpt import LIMIT_GIB
 from eitskin.diagnose.verdict import words
 from eitskin.diagnose.verdict.record import Record, record
-from eitskin.errors import InputError
+from eitskin.errors import InputError, refused
 from eitskin.physics import outline
 from eitskin.physics.skin import Skin
 from eitskin.simulators import Simulator
 from eitskin.skin_layout import stated_layout
 
+DIAGNOSED = "the folder that eitskin diagnose wrote"
 ACROSS = 32  # pixels over the skin
 STEP = 1e-3  # relative, of a conductivity; of an effect's parameter, in its typical changes
 UNTOUCHED_STAGES = ("skin", "wiring", "instrument")  # of effects that untouched frames show
@@ -53,9 +54,10 @@ class Report:
         path = Path(folder) / "diagnosis.json"
         try:
             document = json.loads(path.read_text("utf-8"))
-        except (OSError, ValueError) as error:
-            expected = "the folder that eitskin diagnose wrote"
-            raise InputError(path, "file", type(error).__name__, expected) from error
+        except OSError as error:
+            raise refused(error, path, expected=DIAGNOSED) from error
+        except ValueError as error:
+            raise InputError(path, "file", "no JSON", DIAGNOSED) from error
         return cls(document, words.all_sentences(document), Simulator.read(folder))
 
     def write(self, folder: str | Path) -> Path:
@@ -78,6 +80,13 @@ class Report:
         return f"<div><p><strong>{first}</strong></p><ul>{items}</ul></div>"
 
 
+def _check_type(recorded: object) -> None:
+    """Raise InputError for what is no Recording, such as a path."""
+    if not isinstance(recorded, Recording):
+        expected = "what eitskin.read returns"
+        raise InputError("recording", "argument", f"a {type(recorded).__name__}", expected)
+
+
 def simulate(recorded: Recording, simulator: Simulator | None = None) -> np.ndarray:
     """Noise-free readings (N, M) of the frames of a recording or query, by its channels; NaN in
     frames whose touch is stated too poorly to be simulated.
@@ -85,6 +94,7 @@ def simulate(recorded: Recording, simulator: Simulator | None = None) -> np.ndar
     simulator: by default as believed. Raises InputError where the physics has no solution, and
     without a simulator for a query of unknown scale or at the robot's places.
     """
+    _check_type(recorded)
     simulator = simulator or Simulator.believed(recorded)
     model = simulator.model(recorded)
     voltage = model.voltage(np.zeros(len(model.calibrations)), simulator.settings(model.channels))
@@ -109,7 +119,11 @@ class Jacobian:
     def image(self, change: np.ndarray, strength: float | None = None) -> np.ndarray:
         """(K,): the relative change of the conductivity in each disc that explains a change (M,) of
         the readings: one Gauss-Newton step with a NOSER prior, whose strength generalised
-        cross-validation chooses where none is given. NaN readings are left out."""
+        cross-validation chooses where none is given. NaN readings are left out.
+        Raises InputError for another shape."""
+        if np.shape(change) != (len(self.matrix),):
+            expected = f"({len(self.matrix)},), one frame's change"
+            raise InputError("recording", "change", f"shape {np.shape(change)}", expected)
         is_read = np.isfinite(change)
         matrix = self.matrix[np.ix_(is_read, self.is_seen)]
         scale = np.linalg.norm(matrix, 2)
@@ -140,6 +154,7 @@ def jacobian(
     Each derivative is a central difference of the closed form by the contrast of a disc. Raises
     InputError where the physics has no solution.
     """
+    _check_type(recorded)
     simulator = simulator or Simulator.believed(recorded)
     discs = pixels(simulator.skin) if discs is None else np.asarray(discs, float)
     x_mm, y_mm, radius_mm = discs.T
@@ -182,6 +197,7 @@ def effect_jacobian(recorded: Recording, simulator: Simulator) -> dict[str, np.n
     The keys are NAME.PARAMETER, of a parameter with a value a site NAME.PARAMETER[SITE]. Raises
     InputError where the physics has no solution.
     """
+    _check_type(recorded)
     model = simulator.model(recorded)
     stated_settings = simulator.settings(model.channels)
     coordinates = np.zeros(len(model.calibrations))
@@ -227,6 +243,7 @@ def diagnose(
     check calls unusable. Raises InputError for a query in place of a recording, a skin that
     cannot be simulated, and a recording that is not usable.
     """
+    _check_type(recorded)
     recording.voltages(recorded, name)
     outline.refuse(recorded.skin)
     if not anyway:
@@ -252,6 +269,7 @@ def compare(
     """What changed between two recordings of a skin, as `eitskin compare` says it, without a model
     of the skin. Raises InputError where they cannot be compared."""
     for recorded, name in zip((control, later), names, strict=True):
+        _check_type(recorded)
         recording.voltages(recorded, name)
     document = comparison(control, later, names)
     return Report(document, document["sentences"])

@@ -6,7 +6,8 @@ from pathlib import Path
 from eitskin.errors import InputError
 
 UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-ENCODINGS = "UTF-8, or UTF-16 with a byte-order mark"
+ENCODINGS = "UTF-8 (in Excel: CSV UTF-8), or UTF-16 with a byte-order mark"
+WINDOWS = "cp1252"
 
 
 def read(path: str | Path) -> str:
@@ -28,6 +29,20 @@ def read(path: str | Path) -> str:
         actual = "bytes of 0, as UTF-16 without a byte-order mark has"
         raise InputError(path, "file", actual, ENCODINGS)
     return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def read_table(path: str | Path) -> str:
+    """As `read`, and of a table without other bytes in its numbers also Windows-1252, in which
+    spreadsheets write the line of names."""
+    content = Path(path).read_bytes()
+    lines = content.splitlines(keepends=True)
+    names = next((k for k, line in enumerate(lines) if line.strip() and line[:1] != b"#"), 0)
+    try:
+        return read(path)
+    except InputError:
+        if b"\0" in content or not b"".join(lines[names + 1 :]).isascii():
+            raise
+    return content.decode(WINDOWS, errors="replace").replace("\r\n", "\n").replace("\r", "\n")
 
 
 def utf_8(path: str | Path, content: bytes, expected: str = "UTF-8") -> str:

@@ -97,6 +97,15 @@ def test_readings_whose_squares_vanish_have_no_reciprocity(make_recording):
     assert sentences.reciprocity(recording) == []
 
 
+def test_a_lead_that_all_lost_channels_share_is_named(make_recording):
+    recording = make_recording()
+    recording.voltage[:, (recording.channels[:, 2:] == 5).any(axis=1)] = np.nan
+    (lost,) = check.check(recording).of_topic("lost")
+    assert lost.sentence.endswith(
+        "lost in every frame: all that electrode 5 measures; look at its lead."
+    )
+
+
 def test_lost_stuck_and_clipped_channels_are_named(make_recording):
     recording = make_recording()
     recording.voltage[:, 5] = np.nan

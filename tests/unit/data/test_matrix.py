@@ -283,6 +283,59 @@ def test_columns_that_say_their_unit_are_converted_and_bare_ones_are_not_taken(w
     refused(write(lines(table, names=twice), described), r"columns px \(cm\), x_pos \(cm\) beside")
 
 
+def test_a_unit_alone_tells_times_forces_and_readings_whatever_the_language(write):
+    place = [np.nan, 5.0, 5.0]
+    table = np.column_stack([[0, 40, 90], place, place, [0, 4, 4], [0, 900, 950], frames(3)])
+    names = ["Zeit (ms)", "X", "Y", "Stempel (mm)", "Kraft (mN)"]
+    names += [f"Kanal {k} (mV)" for k in range(40)]
+    content = lines(table, ";", names=names, comma=True).replace("Kanal", "Känal").encode("cp1252")
+    message = refused(write(content, None), "columns X, Y, Stempel")
+    example = message.split("to be corrected: ")[1]
+    recording = importers.load(write(content, example))
+    columns = ["time_s", "x_mm", "probe_mm", "force_N"]
+    assert recording.frames[columns].to_numpy()[2] == pytest.approx([0.09, 5.0, 4.0, 0.95])
+    assert recording.metadata["unit"] == "V"
+    np.testing.assert_allclose(recording.readings, 1e-3 * frames(3))
+    stated = {**yaml.safe_load(example), "unit": "uV"}
+    np.testing.assert_allclose(importers.load(write(content, stated)).readings, 1e-6 * frames(3))
+    refused(write(content + "9;ä".encode("cp1252"), example), "no UTF-8, expected UTF-8 .in Excel")
+
+
+def test_units_below_the_names_and_a_clock_are_read(write):
+    times = ["2026-11-03 14:02:00", "2026-11-03 14:02:00.6", "2026-11-03 14:03:00"]
+    rows = [[time, "4", *map(str, row)] for time, row in zip(times, frames(3), strict=True)]
+    head = [["when", "F", *(f"ch{k}" for k in range(40))], ["", "N", *["mV"] * 40]]
+    recording = importers.load(write("\n".join(map(",".join, head + rows)), ADJACENT))
+    assert recording.frames["time_s"].tolist() == pytest.approx([0.0, 0.6, 60.0])
+    assert "when taken for time_s" in recording.metadata["source"]
+    np.testing.assert_allclose(recording.readings, 1e-3 * frames(3))
+    again = "\n".join(map(",".join, head + rows + head[:1]))
+    refused(write(again, ADJACENT), "names again")
+    refused(write(again, None, "skin.txt"), "names again")
+
+
+def test_an_instrument_s_word_for_no_reading_is_a_lost_reading(write):
+    text = lines(frames(), names=[f"ch{k}" for k in range(40)])
+    spoilt = "\n".join(
+        line.rsplit(",", 1)[0] + ",ovf" if k else line for k, line in enumerate(text.splitlines())
+    )
+    recording = importers.load(write(spoilt, ADJACENT))
+    assert np.isnan(recording.readings[:, -1]).all() and recording.readings.shape[1] == 40
+
+
+def test_the_proposal_can_be_copied_whatever_the_names_and_leaves_named_channels_alone(write):
+    table = np.column_stack([[np.nan, 5, 5], [np.nan, 5, 5], [1, 2, 3], frames(3)])
+    names = ["px", "py", "who: [no]", *(f"ch{k}" for k in range(40))]
+    content = lines(table, names=names)
+    example = refused(write(content, None), "columns").split("to be corrected: ")[1]
+    assert importers.load(write(content, example)).frames["x_mm"][1] == 5.0
+    pairs = ["_".join(f"E{electrode + 1}" for electrode in row) for row in channel_table(8)[::-1]]
+    content = lines(table, names=[*names[:2], "who", *pairs])
+    example = refused(write(content, None), "columns").split("to be corrected: ")[1]
+    recording = importers.load(write(content, example))
+    np.testing.assert_array_equal(recording.channels, channel_table(8)[::-1])
+
+
 # --- without a description
 
 
@@ -559,7 +612,10 @@ SLIPS = {
         "found decimal commas, and commas between the numbers",
     ),
     "turned": (lines(frames().T), "perhaps turned: its 40 rows would fit"),
-    "cut in the first cell": (lines(frames()) + "0.0", "line 4: found 1 cells, expected 40"),
+    "cut in the first cell": (
+        lines(frames()) + "0.0",
+        "line 4: found 1 cells, expected 40; where the log",
+    ),
 }
 
 

@@ -61,6 +61,18 @@ def test_all_that_is_offered_is_there_and_a_package_is_its_function(few):
     assert eitskin.simulate(few).shape == few.voltage.shape
 
 
+def test_what_a_user_gets_wrong_is_said_in_one_line(few, tmp_path):
+    assert not {"import_module", "MODULES", "Any"} & {*dir(eitskin)}
+    assert repr(few).startswith(f"<recording of {FEW} frames of 208 channels: ")
+    for function in (eitskin.simulate, eitskin.jacobian, eitskin.diagnose):
+        with pytest.raises(eitskin.InputError, match="found a str, expected what eitskin"):
+            function("skin.csv")
+    with pytest.raises(InputError, match=r"No such file .*, expected the folder"):
+        Report.read(tmp_path)
+    with pytest.raises(InputError, match=r"shape \(6, 2\), expected \(2,\), one frame's change"):
+        eitskin.scripting.Jacobian(np.ones((2, 3)), np.ones((3, 3))).image(np.ones((6, 2)))
+
+
 def test_what_is_stated_may_be_a_mapping_and_is_refused_as_a_file_is(sample):
     stated = eitskin.read(SAMPLE / "recording.parquet", {"radius_mm": 70.0}, (0, 9))
     assert stated.skin.radius_mm == 70.0 and len(stated.frames) == 10

@@ -39,7 +39,10 @@ def test_worst_and_best_are_by_the_mean_over_the_seeds(touches):
     assert choice.shown == "c" == figure_4.choose(rows, "another").shown
     asked = figure_4.choose(rows, "a")
     assert (asked.worst, asked.best, asked.shown) == ("b", "c", "a")
-    assert figure_4.choose(rows, "b").worst == "a"  # never the same twice
+    assert asked.remarks == ("worst", "best: c") and choice.remarks == ("worst", "best")
+    asked = figure_4.choose(rows, "b")
+    assert asked.worst == "a"  # never the same twice
+    assert asked.remarks == ("worst of the others", "worst of all; best: c")
 
 
 def test_one_model_and_a_model_without_force_are_refused(touches):
@@ -110,9 +113,9 @@ def test_files_are_written_and_the_numbers_beside_them(touches, tmp_path):
         "b, c": ["svr"],
     }
     assert all(file.stat().st_size > 1000 for file in files[:2])
-    drawn = figure_4.draw(table[:20], table[-20:], SKIN, "mlp").axes
+    drawn = figure_4.draw(table[:20], table[-20:], SKIN, choice.remarks).axes
     titles = [axes.get_title() for axes in drawn[:2]]
-    assert titles == ["(a) cnn (worst)", "(b) svr (best: mlp)"]
+    assert titles == ["(a) cnn\n(worst)", "(b) svr\n(best: mlp)"]
 
 
 def test_errors_are_drawn_within_an_outline():

@@ -519,9 +519,9 @@ MATRIX = [
         "a.csv | byte | cut off | UTF-16",
     ),
     Broken(
-        "Latin-1",
-        text("a.csv", f"# f\xfcr\n{READINGS}\n".encode("latin-1")),
-        "a.csv | line 1 | byte 0xfc | UTF-8",
+        "Latin-1 below the names",
+        text("a.csv", f"{READINGS}\n# f\xfcr\n".encode("latin-1")),
+        "a.csv | line 2 | byte 0xfc | UTF-8",
     ),
     Broken(
         "names alone",

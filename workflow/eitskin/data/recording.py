@@ -87,6 +87,12 @@ class Recording:
     touches: list | None
     metadata: dict
 
+    def __repr__(self) -> str:
+        """The recording in a line."""
+        kind = "query" if self.voltage is None else "recording"
+        size = f"{len(self.frames)} frames of {len(self.channels)} channels"
+        return f"<{kind} of {size}: {self.metadata['source']}>"
+
     @property
     def readings(self) -> np.ndarray:
         """`voltage` of a recording that is no query."""

@@ -81,8 +81,8 @@ def elliptic_rim(anisotropy: NamedEffect) -> OtherSide | None:
     diameter_mm = 2.0 * geometry.radius_mm * (1.0 + geometry.shape_cos.get(0, 0.0))
     long_mm, short_mm = diameter_mm * ratio**0.25, diameter_mm * ratio**-0.25
     sentence = (
-        "As well the gel may conduct alike in all directions and the rim be an ellipse that carries"
-        f" its electrodes along, {number(long_mm / short_mm)} times as long along"
+        "Instead the skin may conduct alike in all directions and the rim be an ellipse that"
+        f" carries its electrodes along, {number(long_mm / short_mm)} times as long along"
         f" {axis_text(angle_deg + 90.0)} as across ({number(long_mm)} and {number(short_mm)} mm, if"
         " its area is right). Measure it with a ruler."
     )
@@ -103,7 +103,7 @@ class Anisotropy(SkinEffect):
     polar = ("ratio", "angle_deg", 2)
     source = "Lionheart 1997"
     mend = "use a gel that was not stretched or poured in one direction"
-    finding = "The gel conducts {ratio} times as well along {angle_deg} as across."
+    finding = "The skin conducts {ratio} times as well along {angle_deg} as across."
     shown_by = "absolute values, with touches at known places all over the skin"
     confusable = ("domain-shape", "ellipse")
     identities = (Identity(("domain-shape", "electrode-position"), elliptic_rim),)

@@ -13,7 +13,7 @@ def drifting_gain(drift: NamedEffect) -> OtherSide:
     minutes = minutes - minutes[0]
     voltage = drift.simulated() / (1.0 + rate * minutes)[:, None]
     sentence = (
-        f"As well the current, or all amplifiers, may drift by {number(-100.0 * rate)} % per"
+        f"Instead the current, or all amplifiers, may drift by {number(-100.0 * rate)} % per"
         " minute. Record a known resistor for as long."
     )
     return OtherSide(drift.gap(voltage), sentence)
@@ -26,8 +26,8 @@ class ConductivityDrift(SkinEffect):
     driver = "time"
     parameters = {"per_minute": Parameter("1/min", 0.0, -1.0, 1.0, scale=0.01, dense=False)}
     source = "Hardman, Thuruthel, Iida 2025"
-    mend = "let the gel settle and keep it from drying"
-    finding = "The gel's conductivity changes by {per_minute:%} per minute."
+    mend = "let it settle, and keep it from drying and from warming"
+    finding = "The skin's conductivity changes by {per_minute:%} per minute."
     shown_by = "a recording of an hour by a measured clock, with untouched frames throughout"
     confusable = ("contact-drift",)
     identities = (Identity((), drifting_gain),)

@@ -21,7 +21,7 @@ class ConductivityGradient(SkinEffect):
     source = "Lionheart 2004"
     mend = "level the skin while it sets, and keep it evenly moist"
     finding = (
-        "The gel's conductivity rises by {relative_across:%} across the skin, towards {angle_deg}."
+        "The skin's conductivity rises by {relative_across:%} across the skin, towards {angle_deg}."
     )
     shown_by = "a recording with absolute values"
     confusable = ("conductivity-patch",)

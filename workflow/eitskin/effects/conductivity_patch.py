@@ -23,7 +23,7 @@ def _dipole_finding(values: dict) -> str:
         ("worse", "hole") if values["contrast"] < 1.0 else ("better", "perfect conductor")
     )
     return (
-        f"The gel conducts {comparison} about the place x = {{x_mm}}, y = {{y_mm}} than"
+        f"The skin conducts {comparison} about the place x = {{x_mm}}, y = {{y_mm}} than"
         f" elsewhere: it bends the current as a {equivalent} of radius {{equivalent_radius_mm}}"
         " would. How large the place is, and by how much it differs, cannot be told apart."
     )
@@ -44,7 +44,7 @@ class ConductivityPatch(SkinEffect):
     source = "Isaacson 1986"
     mend = "look for a bubble, a crack or a dry spot near the place named, and cast the gel again"
     finding = (
-        "The gel conducts {contrast} times as well within {radius_mm} of the place x = {x_mm}, y"
+        "The skin conducts {contrast} times as well within {radius_mm} of the place x = {x_mm}, y"
         " = {y_mm} as elsewhere."
     )
     combination = Combination(("radius_mm", "contrast"), _equivalent_radius, _dipole_finding)

@@ -29,7 +29,7 @@ def scaled_rim(contacts: NamedEffect) -> OtherSide | None:
     radius_mm = contacts.skin.radius_mm
     assert radius_mm is not None
     diameter_mm = 2.0 * radius_mm / ratio
-    sentence = f"As well the skin may be {number(diameter_mm)} mm across. Measure it with a ruler."
+    sentence = f"Instead the skin may be {number(diameter_mm)} mm across. Measure it with a ruler."
     voltage = contacts.simulated([Substitute("domain-shape", values)])
     return OtherSide(contacts.gap(voltage), sentence)
 
@@ -44,11 +44,8 @@ class ContactImpedance(SkinEffect):
     scaled_attribute = "contact_impedivity_ohm_m2"
     parameters = {"ratio": Parameter("1", 1.0, 1e-3, 1e3)}
     source = "Cheng, Isaacson, Newell, Gisser 1989"
-    mend = "re-seat electrode {site}"
-    finding = (
-        "{site} {touches|touch} the gel through {ratio} times the contact impedance that the"
-        " simulation assumes."
-    )
+    mend = "clean and re-seat electrode {site}"
+    finding = "{site} {has|have} {ratio} times the contact impedance that the simulation assumes."
     shown_by = "absolute values, with the driven electrodes measured too"
     confusable = ("electrode-width", "electrode-open")
     identities = (

@@ -24,7 +24,7 @@ class ContactLaw(TouchEffect):
     parameters = {"exponent": Parameter("1", 1.0, 0.1, 3.0, scale=0.2, dense=False)}
     source = "Paredes-Madrid, Palacio, Matute, Parra 2017"
     mend = "calibrate the contrast at several forces"
-    finding = "The gel does not answer in proportion to the force, but to its power of {exponent}."
+    finding = "The skin does not answer in proportion to the force, but to its power of {exponent}."
     shown_by = "presses at six forces or more, from light to hard"
     confusable = ("contact-area-growth", "touch-contrast", "force-offset")
     identities = (Identity((), bent_load_cell),)

@@ -31,7 +31,7 @@ def directed_gel(shape: NamedEffect) -> OtherSide | None:
     angle_deg = 0.5 * shape.values["phase_deg"] + 90.0
     tensor = Substitute("anisotropy", {"ratio": ratio, "angle_deg": angle_deg})
     sentence = (
-        f"As well the skin may be round, and its gel conduct {number(ratio)} times as well along"
+        f"Instead the skin may be round, and conduct {number(ratio)} times as well along"
         f" {axis_text(angle_deg)} as across. Measure the rim with a ruler."
     )
     return OtherSide(shape.gap(shape.simulated([tensor])), sentence)
@@ -58,7 +58,7 @@ def scaled_contacts(shape: NamedEffect) -> OtherSide | None:
         return None
     contacts = Substitute("contact-impedance", {"ratio": ratio}, shape.electrodes, "electrodes")
     sentence = (
-        f"As well the skin may have its size and every contact {number(ratio)} times the impedance"
+        f"Instead the skin may have its size and every contact {number(ratio)} times the impedance"
         " that is assumed. Measure the skin with a ruler."
     )
     return OtherSide(shape.gap(shape.simulated([contacts])), sentence)

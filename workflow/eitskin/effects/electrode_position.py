@@ -31,7 +31,7 @@ def stretched_gel(positions: NamedEffect) -> OtherSide | None:
         return None
     values, gap = positions.fitted_substitute("anisotropy", 2.0 * np.conj(wave))
     sentence = (
-        "As well all electrodes may sit where the drawing has them, and the gel conduct"
+        "Instead all electrodes may sit where the drawing has them, and the skin conduct"
         f" {number(values['ratio'])} times as well along {axis_text(values['angle_deg'])} as"
         " across, or the rim be an ellipse that carries them along,"
         f" {number(values['ratio'] ** 0.5)} times as long along"

@@ -15,7 +15,7 @@ class ElectrodeSwap(WiringEffect):
     site_number = 2
     parameters = {}
     source = "pyEIT, issue 95"
-    mend = "exchange the wires of electrodes {site}"
+    mend = "put the wires of electrodes {site} back in their places"
     finding = "The wires of {site} are exchanged."
     shown_by = "channels that drive and measure every electrode"
     confusable = ("electrode-position",)

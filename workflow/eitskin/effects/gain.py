@@ -21,8 +21,8 @@ def scaled_readings(scale: NamedEffect, ratio: float) -> OtherSide:
     assert stated_S_per_m is not None
     sigma_S_per_m = stated_S_per_m * ratio
     sentence = (
-        f"As well all currents, or all readings, may be {number(ratio)} times what is stated, and"
-        f" the gel conduct {quantity(sigma_S_per_m, 'S/m')}. Measure the current through a known"
+        f"Instead all currents, or all readings, may be {number(ratio)} times what is stated, and"
+        f" the skin conduct {quantity(sigma_S_per_m, 'S/m')}. Measure the current through a known"
         " resistor."
     )
     return OtherSide(scale.gap(scale.simulated([gain], conductivity_ratio=ratio)), sentence)

@@ -18,7 +18,7 @@ class Hysteresis(TouchEffect):
     source = "rate-independent loop between loading and unloading; Mayergoyz 1991"
     mend = "read on the loading branch only"
     finding = (
-        "The gel remembers how hard it was pressed: as the force goes back, the contrast changes"
+        "The skin remembers how hard it was pressed: as the force goes back, the contrast changes"
         " by up to {fraction:%}."
     )
     shown_by = "an unloading branch in every press"

@@ -20,7 +20,7 @@ class Relaxation(TouchEffect):
     source = "standard linear solid; Johnson 1985, § 6.5"
     mend = "read every frame equally long after the force is reached"
     finding = (
-        "The gel gives way under a force that is held: {fraction:%} of its answer fades[, with a"
+        "The skin gives way under a force that is held: {fraction:%} of its answer fades[, with a"
         " time constant of {tau_s}]."
     )
     shown_by = "holds of a minute at one force"

@@ -43,7 +43,7 @@ class ThirdDimension(SkinEffect):
     finding = (
         "Current spreads in depth too[, through {depth_mm}]"
         "[, from electrodes {electrode_height_mm} high]"
-        "[, the electrodes' middle {electrode_z_mm} above its bottom or below its top]."
+        "[, the electrodes' middle {electrode_z_mm} above the bottom, or below the top]."
     )
     shown_by = "absolute values, with electrodes of known height"
     confusable = ("electrode-width",)

@@ -12,7 +12,7 @@ def faulty_load_cell(law: NamedEffect, force_N: np.ndarray, wording: str) -> Oth
     """Of a law of the force: a load cell that reads another force than there is; force_N (N,): the
     true one; wording: of what it is."""
     sentence = (
-        f"As well the load cell may be at fault, the true force being {wording}. Put known weights"
+        f"Instead the load cell may be at fault, the true force being {wording}. Put known weights"
         " on it."
     )
     return OtherSide(law.gap(law.simulated(force_N=force_N)), sentence)

@@ -246,8 +246,8 @@ def sentences(card: pd.DataFrame) -> list[str]:
         texts = []
         for row in group.to_dict("records"):
             unit = dataset.UNITS[row["target"]]
-            ends = " to ".join(decimal(row[key], 2) for key in ("low", "high"))
-            bounds = f" ({ends})" if row["runs"] > 1 else ""
+            ends = " to ".join(decimal(max(0.0, row[key]), 2) for key in ("low", "high"))
+            bounds = f" (95 %: {ends})" if row["runs"] > 1 else ""
             texts.append(f"{row['target']} {row['mae']:.2f}{bounds} {unit}")
         runs = group["runs"].iloc[0]
         model = f"{labels} labels, {name}" if labels else str(name)
@@ -255,5 +255,5 @@ def sentences(card: pd.DataFrame) -> list[str]:
         if runs == 1:
             spread = "one seed: no interval"
         frames = group["frames"].iloc[0]
-        lines.append(f"{tested}, {frames} frames: {model}: {', '.join(texts)}; {spread}")
+        lines.append(f"{tested}, {frames} frames: {model}: off by {', '.join(texts)}; {spread}")
     return lines

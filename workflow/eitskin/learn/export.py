@@ -159,9 +159,8 @@ def _check(model: Trained, dataset: Dataset, part: np.ndarray) -> None:
     min_samples = STRENGTHS * MIN_TOUCHES
     for name in ("train", "validation"):
         if (content := int((part == name).sum())) < min_samples:
-            raise InputError(
-                dataset_header["name"], f"part {name}", content, f"{min_samples} samples or more"
-            )
+            expected = f"{min_samples} samples or more: a larger --samples, or budget"
+            raise InputError(dataset_header["name"], f"part {name}", content, expected)
 
 
 def _graphs(

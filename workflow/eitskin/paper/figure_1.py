@@ -167,8 +167,8 @@ def draw(press: Press) -> Figure:
         extent = skin_layout.stated_layout(press.skin)
         rows = lower.subplots(2, count, squeeze=False, sharex=True, sharey=True)
         for images, row, name, bar in (
-            (press.noser, rows[0], "(c) NOSER", "relative rise"),
-            (press.projected, rows[1], "(d) back-proj.", "of the largest"),
+            (press.noser, rows[0], "(c) NOSER", "rise of conductivity"),
+            (press.projected, rows[1], "(d) back-proj.", "rise / largest"),
         ):
             limit = float(np.abs(images).max())
             for axes, image, label in zip(row, images, labels, strict=True):

@@ -19,6 +19,7 @@ from eitskin.plotting import AFTER, BEFORE, CENTRED, RIM, style
 HEIGHT_MM = 74.0
 DATA, NETWORK, LOSS = "data", "network", "loss"
 FACES = {DATA: "white", NETWORK: "#dcecf7", LOSS: "#fbe6d4"}
+NUMBERS = "1, 2, 3: order of training; (4) to (7): equations of the paper"
 USE, TRAINING = "use and training", "training alone"
 LINES: dict[str, tuple[str, tuple[int, tuple[int, ...]]]] = {
     USE: (AFTER, (0, ())),
@@ -116,6 +117,7 @@ def draw() -> Figure:
             Line2D([], [], marker="s", linestyle="", color=RIM, mfc=face, label=kind, mew=0.6)
             for kind, face in FACES.items()
         ]
+        axes.text(0.5 * plotting.FULL_MM, 8.0, NUMBERS, fontsize=6, **CENTRED)
         axes.legend(
             handles=[*lines, *squares], loc="lower center", ncols=5, bbox_to_anchor=(0.5, 0.0)
         )

@@ -16,7 +16,7 @@ from eitskin.plotting import AFTER, BEFORE, QUIET, style
 
 LEVEL = 1.96  # standard errors, 1 / √N each, of the correlation of independent variables: 95 %
 
-CHANCE = "by chance: 95 % of channels that go along with nothing"
+CHANCE = "r by chance alone, 95 %"
 
 
 def correlations(dataset: Dataset) -> pd.DataFrame:
@@ -84,10 +84,10 @@ def draw(recorded: pd.DataFrame, simulated: pd.DataFrame) -> Figure:
         grid[0, 0].set_ylim(-largest, largest)
         for axes in grid[-1]:
             axes.set_xlabel("channel")
-        for axes, (table, colour) in zip(grid[0], columns, strict=True):
-            name = table["dataset"].iloc[0]
+        kinds = ("recording", "simulated set")
+        for axes, kind, (table, colour) in zip(grid[0], kinds, columns, strict=True):
             axes.annotate(
-                name,
+                f"{kind}:\n{table['dataset'].iloc[0]}",
                 (0.5, 1.0),
                 (0, 13),
                 xycoords="axes fraction",

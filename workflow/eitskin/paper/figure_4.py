@@ -39,6 +39,16 @@ class Choice:
     best: str
     shown: str
     models: tuple[str, ...]
+    is_shown_worst: bool = False
+
+    @property
+    def remarks(self) -> tuple[str, str]:
+        """What the panels a and b say of their models' errors of force, among all models."""
+        if self.shown == self.best:
+            return "worst", "best"
+        if self.is_shown_worst:
+            return "worst of the others", f"worst of all; best: {self.best}"
+        return "worst", f"best: {self.best}"
 
 
 def choose(metrics: dict[str, pd.DataFrame], shown: str = BEST) -> Choice:
@@ -62,7 +72,7 @@ def choose(metrics: dict[str, pd.DataFrame], shown: str = BEST) -> Choice:
     order = sorted(error, key=lambda model: error[model])
     beside = shown if shown in error else order[0]
     worst = next(model for model in reversed(order) if model != beside)
-    return Choice(worst, order[0], beside, tuple(error))
+    return Choice(worst, order[0], beside, tuple(error), is_shown_worst=order[-1] == beside)
 
 
 def joined(predictions: pd.DataFrame, dataset: Dataset, model: str) -> pd.DataFrame:
@@ -90,13 +100,12 @@ def draw(
     worst: pd.DataFrame,
     shown: pd.DataFrame,
     skin: Skin,
-    best: str | None = None,
+    remarks: tuple[str, str] = ("worst", "best"),
 ) -> Figure:
     """Panels a, b: counts of test samples of the first seed by true and predicted force; c: the
     error of the model of b, every pixel of the skin in the colour of the nearest tested place.
-    best: the name of the best model, where it is not the shown one."""
+    remarks: of `Choice`."""
     first_seed = [table[table["seed"] == table["seed"].min()] for table in (worst, shown)]
-    remarks = ["worst", "best" if best is None else f"best: {best}"]
     values = pd.concat(first_seed)[["force_N", "predicted_N"]].to_numpy()
     low, high = min(0.0, values.min()), values.max()
     edges = np.linspace(low, high, BINS + 1)
@@ -127,7 +136,7 @@ def draw(
             panel.text(
                 0.04, 0.96, f"R² {number(r2)}\nMAE {mae:.2f} N", transform=panel.transAxes, va="top"
             )
-            panel.set_title(f"({letter}) {table['model'].iloc[0]} ({remark})")
+            panel.set_title(f"({letter}) {table['model'].iloc[0]}\n({remark})")
             panel.set(xlim=(low, high), ylim=(low, high), aspect="equal")
             panel.set_xlabel("true force, N")
             for axis in (panel.xaxis, panel.yaxis):
@@ -159,7 +168,7 @@ def _draw_places(figure: Figure, axes: Axes, shown: pd.DataFrame, skin: Skin) ->
     axes.plot(
         *place_mm.T, ".", color="white", mew=0, markersize=min(2.0, 20 / np.sqrt(len(place_mm)))
     )
-    axes.set_title(f"(c) {shown['model'].iloc[0]}, by place")
+    axes.set_title(f"(c) {shown['model'].iloc[0]}\n(dots: places)")
     axes.set_xlabel("x, mm")
     axes.set_ylabel("y, mm")
     extend = "max" if places["mae_N"].max() > largest else "neither"
@@ -196,7 +205,6 @@ def write(
         for name in (choice.worst, choice.shown)
     )
     table = pd.concat([worst.assign(panel="a"), shown.assign(panel="b, c")], ignore_index=True)
-    best = None if choice.best == choice.shown else choice.best
-    figure = draw(worst, shown, Skin.from_metadata(skin, "config.yaml"), best)
+    figure = draw(worst, shown, Skin.from_metadata(skin, "config.yaml"), choice.remarks)
     figure_files.write(figure, table, vector, image, csv)
     return choice

@@ -140,6 +140,7 @@ def first_screen(document: dict) -> str:
     shown = SimpleNamespace(
         diagnosis=document,
         recording=RECORDED,
+        frames=RECORDED.frames,
         channels=channel_table(16),
         reading_unit="V",
         experiment=experiment_of(document),
@@ -206,11 +207,22 @@ def test_of_names_that_cannot_be_told_apart_the_plainest_speaks():
     text = first_screen(document)
     assert "Nothing is certain yet; to try first: measure the angle of every electrode." in text
     said = "Perhaps it is the electrode position: this recording cannot tell it from"
-    assert f"{said} domain shape and anisotropy. By anisotropy it reads: the gel conducts" in text
+    assert f"{said} domain shape and anisotropy. If it is anisotropy, the skin conducts" in text
     for alternatives in ([], ["common-mode"]):
         assert opening.plainest(effect | {"alternatives": alternatives}) == effect | {
             "alternatives": alternatives
         }
+
+
+def test_a_small_difference_and_the_errors_of_the_rig_are_said():
+    scores = {"rms_before_V": 3.0e-5, "rms_after_V": 2.9e-5}
+    document = drawn(0) | {"verdict": "explained", "fit": {"last": scores, "held_out": scores}}
+    document |= {"noise_V": 2.0e-5}
+    assert opening.extent(document).endswith(", which is small here.")
+    assert opening.error_sentence(document, "V").endswith(", and errors of the rig come on top.")
+    document["fit"]["last"] = {"rms_before_V": 9.0e-5, "rms_after_V": 2.0e-5}
+    assert opening.extent(document).endswith("between simulation and recording.")
+    assert "errors of the rig" not in opening.error_sentence(document, "V")
 
 
 def test_the_one_experiment_tells_most_apart():
@@ -221,13 +233,17 @@ def test_the_one_experiment_tells_most_apart():
     text = opening.experiment_sentence(document, {"pairs": [pair, *others, weak, weak, weak]})
     assert text == (
         "The one experiment worth doing: press harder; that would tell offset from gain walk and"
-        " offset from ground leak."
+        " ground leak."
     )
     assert "Nothing that was tried" in opening.experiment_sentence(document, {"pairs": [weak]})
     hidden = document | {"unobservable": ["force-lag", "frame-skew", "offset"]}
     text = opening.experiment_sentence(hidden, {"pairs": []})
     assert text.endswith("; it could show force lag and frame skew.")
     assert opening.experiment_sentence(document | {"unobservable": []}, {"pairs": []}) == ""
+    untouched = document | {"unobservable": [*opening.OF_TOUCHES, "contact-drift"]}
+    text = opening.experiment_sentence(untouched, {"pairs": []})
+    assert text == f"{opening.WORTH}: {opening.PRESSES}."
+    assert "could not have shown what touches do." in " ".join(opening.unknown_sentences(untouched))
 
 
 def test_a_correction_that_does_not_help_is_not_praised():

@@ -137,7 +137,7 @@ def test_it_says_what_the_diagnosis_says(written, kind):
 def test_an_effect_comes_with_numbers_and_a_mend(written):
     text = Page(page_of(written, "explained")).text
     assert "ratio = 2.104 (90 %: 2.087 to 2.121)" in text
-    assert "Re-seat electrode 7." in text
+    assert "Clean and re-seat electrode 7." in text
     assert "in the median channel, and in all others. Found from" in text
     assert "The 20 states of the query are predicted" in text
     assert "states of the query" not in page_of(written, "consistent")
@@ -168,7 +168,7 @@ def test_candidates_are_not_told_as_findings(written, rig):
     assert "nothing is certain yet" in text and "What is certain" not in text
     assert "Candidates, to be tried Perhaps electrode 7 touches" in text
     assert "assumes. This recording cannot tell it from electrode width." in text
-    assert "1. Perhaps electrode 7 touches" in text
+    assert "1. Perhaps electrode 7 has" in text
     assert "contact-impedance, a candidate, electrode 7" in text
     assert "perhaps contact-impedance: electrode 7" in (
         (rig / "figures" / "electrodes.svg").read_text(encoding="utf-8")
@@ -185,7 +185,7 @@ def test_which_frames_took_no_part_is_told(written):
     count, touched = len(few), few["touch"].sum()
     assert omitted_frames(replace(evidence, frames=few)) == [
         f"An excerpt was diagnosed: {count} of {count + 1} frames.",
-        f"Of {touched} touched frames 2 took no part: their place, force or probe is not known.",
+        f"Of {touched} touched frames 2 took no part: the force is not known.",
     ]
 
 
@@ -484,8 +484,8 @@ def test_sites_of_every_kind_and_no_gap(tmp_path):
     assert "{" not in text
     assert text.count("No other name looks like it.") == len(EFFECTS) - 2
     for words in (
-        "Re-seat electrodes 2 and 5.",
-        "Exchange the wires of electrodes 2 and 5.",
+        "Clean and re-seat electrodes 2 and 5.",
+        "Put the wires of electrodes 2 and 5 back in their places.",
         "Calibrate channels 2 and 5 with a resistor phantom.",
         "Check the current with electrodes 2 and 5 as source.",
         "Zero the amplifier at the measuring pairs at electrodes 2 and 5 with its inputs shorted.",

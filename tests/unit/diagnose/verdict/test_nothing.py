@@ -104,7 +104,7 @@ def test_a_rim_is_told_by_directions(harmonic, phase, said):
 def test_a_time_constant_that_may_be_anything_is_said_to_be_untold():
     text = words.effect_sentence(FADING | {"certain": False}, EFFECTS["relaxation"])
     assert text.replace(MINUS, "-") == (
-        "Perhaps the gel gives way under a force that is held: -40 (90 %: -100 to 90)\xa0% of its"
+        "Perhaps the skin gives way under a force that is held: -40 (90 %: -100 to 90)\xa0% of its"
         " answer fades. These readings do not tell its time constant."
     )
 

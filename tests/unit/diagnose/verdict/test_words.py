@@ -124,9 +124,18 @@ def test_one_site():
     assert said(
         "contact-impedance", "electrodes", 1, "sparse", ratio=([2.104], [2.087], [2.121])
     ) == (
-        "Electrode 3 touches the gel through 2.104 (90 %: 2.087 to 2.121) times the contact"
+        "Electrode 3 has 2.104 (90 %: 2.087 to 2.121) times the contact"
         " impedance that the simulation assumes."
     )
+
+
+def test_values_of_both_signs_are_counted_towards_larger_angles():
+    made = entry("electrode-position", "electrodes", 2, "sparse")
+    shifts = {"value": [-0.4, 0.3], "low": [-0.5, 0.2], "high": [-0.3, 0.4], "unit": "deg"}
+    text = words.effect_sentence(
+        made | {"parameters": {"shift_deg": shifts}}, EFFECTS["electrode-position"]
+    )
+    assert text.endswith("counted towards larger angles.")
 
 
 @pytest.mark.parametrize("name", sorted(EFFECTS))
@@ -159,7 +168,7 @@ def test_what_cannot_be_told_apart_is_said_together(contrast, how, what):
     written_alike = {"value": 0.384, "low": 0.352, "high": 0.419, "unit": "mm"}
     amounts = {"amounts": {"equivalent_radius_mm": written_alike}}
     text = words.effect_sentence(made | amounts, EFFECTS["conductivity-patch"])
-    assert text.startswith(f"The gel conducts {how} about the place x = 0.500 (")
+    assert text.startswith(f"The skin conducts {how} about the place x = 0.500 (")
     assert f"a {what} of radius 0.384 (90 %: 0.352 to 0.419)\xa0mm" in text
     assert text.endswith("cannot be told apart.")
     assert "times as well within 0.500" in words.effect_sentence(

@@ -48,7 +48,7 @@ MISSING = {  # key of `missing_information`: topic, sentence, frames to add
     "scan": (
         "scan",
         "how long a frame takes is unknown: changes during a frame cannot be told from pattern.",
-        "frame_s",
+        "the seconds a frame takes, as frame_s",
     ),
     "sign": (
         "sign",
@@ -58,7 +58,7 @@ MISSING = {  # key of `missing_information`: topic, sentence, frames to add
     "conductivity": (
         "conductivity",
         "no absolute scale: the conductivity is known up to a factor.",
-        "readings in volts and the drive current",
+        "the unit of the readings (unit: V, mV, ohm) and the drive current (current_A)",
     ),
     "reciprocity": (
         "reciprocity",
@@ -238,7 +238,8 @@ def lost_readings(recording: Recording) -> list[Finding]:
     losses = measures.lost_readings(recording)
     findings = []
     if len(losses.always_lost):
-        sentence = f"{naming.channels(recording, losses.always_lost)} lost in every frame."
+        lost_text = naming.channels(recording, losses.always_lost)
+        sentence = f"{lost_text} lost in every frame{_common_lead(recording, losses.always_lost)}."
         findings.append(
             Finding("lost", WARNING, sentence, len(losses.always_lost) / losses.channels)
         )
@@ -253,6 +254,16 @@ def lost_readings(recording: Recording) -> list[Finding]:
         sentence = f"{naming.channels(recording, losses.stuck)} never {verb}: stuck or dead."
         findings.append(Finding("stuck", WARNING, sentence, len(losses.stuck) / losses.channels))
     return findings
+
+
+def _common_lead(recording: Recording, rows: np.ndarray) -> str:
+    """`: all that electrode 3 measures`, where channels are just those of one electrode."""
+    for verb, pair in (("drives", [0, 1]), ("measures", [2, 3])):
+        electrodes = recording.channels[:, pair]
+        for electrode in np.unique(electrodes[rows]):
+            if np.array_equal(np.flatnonzero((electrodes == electrode).any(axis=1)), rows):
+                return f": all that electrode {electrode} {verb}; look at its lead"
+    return ""
 
 
 def clipped_channels(recording: Recording) -> list[Finding]:
@@ -447,11 +458,14 @@ def numbering(recording: Recording) -> list[Finding]:
     fit = wiring.numbering(recording)
     if fit is None:
         return []
-    turn_text = f"{decimal(fit.turn_deg, 0, sign=True)} degrees (counter-clockwise) from"
-    sentence = (
-        f"the {fit.touches} strongest touches light up {turn_text} where the file puts them, and"
-        f" after that turn within {fit.residual_radii:.2f} of the radius (median)."
-    )
+    distance_text = f"within {fit.residual_radii:.2f} of the radius (median)"
+    sentence = f"the {fit.touches} strongest touches light up where the file puts them"
+    if decimal(fit.turn_deg, 0) == "0":
+        sentence += f", {distance_text}."
+    else:
+        turn_text = decimal(fit.turn_deg, 0, sign=True)
+        sentence += f" turned by {turn_text} degrees (counter-clockwise), and after that turn"
+        sentence += f" {distance_text}."
     if fit.is_lost:
         sentence += " No turn brings them there: places and readings may not belong together."
     if fit.centre_mm is not None:

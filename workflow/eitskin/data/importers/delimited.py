@@ -1,9 +1,9 @@
 """Tables of cells in text: commas, semicolons, tabs or spaces; decimal points or commas.
 
-UTF-8, with or without a byte-order mark, and UTF-16 with one. Empty lines and lines that begin with
-# are skipped. The first line names the columns where it holds words, beside words only whole
-numbers. A comma within a number is the decimal point where semicolons, tabs or spaces separate
-numbers. Complex numbers are a+bi or (a+bj).
+UTF-8, with or without a byte-order mark, UTF-16 with one, and Windows-1252 in names. Empty lines
+and lines that begin with # are skipped. The first line names the columns where it holds words,
+beside words only whole numbers; a line of units may follow. A comma within a number is the decimal
+point where semicolons, tabs or spaces separate numbers. Complex numbers are a+bi or (a+bj).
 
 Boards write two other layouts: a frame over several lines, with a word in the line before each, and
 OpenEIT's log, `magnitudes : ...`, alone or in the cells of another table, of which its column of
@@ -26,7 +26,32 @@ from eitskin.data.importers import workbook
 from eitskin.errors import InputError
 from eitskin.progress import patient
 
-LOST = ("", "nan", "na", "null", "none")
+LOST = (
+    *("", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---"),
+    *("ovf", "ovr", "ovld", "ol", "overflow", "overload", "overrange"),
+)
+UNITS = (
+    *(
+        "s",
+        "ms",
+        "us",
+        "min",
+        "mm",
+        "cm",
+        "m",
+        "um",
+        "N",
+        "mN",
+        "kN",
+        "g",
+        "kg",
+        "deg",
+        "°",
+        "°C",
+        "C",
+    ),
+    *("V", "mV", "uV", "µV", "μV", "ohm", "mohm", "kohm", "Ω", "A", "mA", "uA", "Hz", ""),
+)
 MAX_DRIVE_NUMBERS = 32  # one an electrode
 TIMES = ("time", "time_s", "t", "timestamp", "date", "datetime")  # names of a log's column
 LOGGED = re.compile(r"\bmagnitudes\s*:([^\"\n]*)", re.IGNORECASE)
@@ -85,7 +110,7 @@ def read(path: Path) -> Cells:
     if workbook.is_workbook(path):
         lines = workbook.lines(path)
     else:
-        text = text_file.read(path)
+        text = text_file.read_table(path)
         logged = [
             (1 + text.count("\n", 0, match.start()), match[1].strip(" \r,"))
             for match in LOGGED.finditer(text)
@@ -109,15 +134,24 @@ def read(path: Path) -> Cells:
     if separator == ",":
         _refuse_decimal_commas(path, usual_row)
     comma = separator != "," and any("," in cell for cell in usual_row)
-    names = None
+    names = head = None
     if _is_names(path, rows[0], lines[0][0], comma):
         names, rows, lines = rows[0], rows[1:], lines[1:]
+        head = names
+        if _is_units(rows, comma):
+            names, rows, lines = _with_units(names, rows[0]), rows[1:], lines[1:]
     if not rows:
         raise InputError(path, "file", "no row below the names", "a row a frame")
     width = len(names or rows[0])
     for (number_, line), row in zip(lines, rows, strict=True):
         if len(row) != width:
-            raise InputError(path, f"line {number_}", f"{len(row)} cells", f"{width}")
+            expected = f"{width}"
+            if row is rows[-1] and len(row) < width:
+                expected += "; where the logger was stopped in this last line, delete it"
+            raise InputError(path, f"line {number_}", f"{len(row)} cells", expected)
+        if row == head:
+            expected = "one table a file: what follows is another recording"
+            raise InputError(path, f"line {number_}", "the line of names again", expected)
         if comma and "." in line and any(is_number(cell, False) for cell in row if "." in cell):
             expected = "decimal points or decimal commas throughout"
             raise InputError(path, f"line {number_}", "both", expected)
@@ -132,6 +166,25 @@ def read(path: Path) -> Cells:
     return Cells(path, names, rows, [number_ for number_, _ in lines], comma, remark)
 
 
+def _is_units(rows: list[list[str]], comma: bool) -> bool:
+    """Whether the first row has the units of the numbers below."""
+    units = [cell.strip("[]()") for cell in rows[0]] if rows else []
+    return (
+        len(rows) > 1
+        and len(rows[1]) == len(units)
+        and all(unit in UNITS for unit in units)
+        and any(unit and is_number(cell, comma) for unit, cell in zip(units, rows[1], strict=True))
+    )
+
+
+def _with_units(names: list[str], units: list[str]) -> list[str]:
+    """Names of columns with the units in the line below them, where they do not end so."""
+    return [
+        name if not unit or name.endswith(unit.strip("[]()")) else f"{name} [{unit.strip('[]()')}]"
+        for name, unit in zip(names, units, strict=True)
+    ]
+
+
 def table(path: Path, columns: int) -> np.ndarray:
     """(rows, columns) float64 of a text file without names; raises InputError as `read` and
     `Cells.numbers` do, and for another number of columns."""
@@ -142,6 +195,13 @@ def table(path: Path, columns: int) -> np.ndarray:
         place = f"line {cells.lines[0]}"
         raise InputError(path, place, f"{cells.width} cells", f"{columns}")
     return cells.numbers(list(range(columns)))
+
+
+def has_row_of_numbers(path: Path, width: int) -> bool:
+    """Whether a line of a file has so many numbers, in whatever dress."""
+    lines = path.read_bytes().decode("latin-1").splitlines()
+    cells = (re.split(r"[;,\t ]+", line.strip()) for line in lines)
+    return any(sum(is_number(cell, False) for cell in row if cell) >= width for row in cells)
 
 
 def number(cell: str, comma: bool) -> float | complex:
@@ -182,12 +242,12 @@ def _log_times(text: str) -> list[float]:
     try:
         table = list(csv.reader(StringIO(text), delimiter=separator or " "))
         times = [row[column] for row in table if any(map(LOGGED.search, row))]
-        return [_seconds(time.strip()) for time in times]
+        return [seconds(time.strip()) for time in times]
     except (csv.Error, IndexError, ValueError):
         return []
 
 
-def _seconds(time: str) -> float:
+def seconds(time: str) -> float:
     """A number of seconds, or the seconds since 1970 of a time of ISO 8601, UTC where it has no
     zone; raises ValueError for others."""
     try:

@@ -23,13 +23,20 @@ import numpy as np
 import pandas as pd
 
 from eitskin.data import subset
-from eitskin.data.importers import bare_vectors, matrix_table, named_columns, protocol_search
+from eitskin.data.importers import (
+    bare_vectors,
+    delimited,
+    matrix_table,
+    named_columns,
+    protocol_search,
+)
 from eitskin.data.importers.bare_vectors import GROUND, Layout
 from eitskin.data.importers.description import describe
 from eitskin.data.importers.matrix_description import (
     DESCRIBING_KEYS,
     PLACED,
     description_path,
+    in_recordings_unit,
     labels_path,
     missing_description,
     missing_labels,
@@ -74,7 +81,9 @@ def accepts(path: Path) -> bool:
     try:
         table = _unwrapped(matrix_table.read(path, {}), None)
     except InputError:
-        if is_workbook(path) or path.suffix.lower() in TABLE_SUFFIXES:
+        suffix = path.suffix.lower()
+        is_text_table = suffix == ".txt" and delimited.has_row_of_numbers(path, MIN_COLUMNS)
+        if is_workbook(path) or suffix in TABLE_SUFFIXES or is_text_table:
             raise
         return False
     rows, width = table.readings.shape
@@ -120,6 +129,8 @@ def load(
     description = description | caller_settings
     table = _unwrapped(matrix_table.read(path, description, array), description.get("electrodes"))
     n_frames, width = table.readings.shape
+    if "unit" not in description:
+        description = description | in_recordings_unit(table.unit)
     if table.channels is not None and not {"drive", "measurement"} & description.keys():
         description = description | {"measurement": table.channels}
     elif "measurement" not in description:
@@ -268,7 +279,7 @@ def _recording(path: Path, description: dict, table: Table, layout: Layout) -> R
         kind,
         position_frame=description.get("position_frame", "skin"),
         values=description.get("values", "absolute"),
-        unit=description.get("unit", table.unit or "arbitrary"),
+        unit=description.get("unit", "arbitrary"),
         clock=description.get("clock", "measured" if is_timed else "index"),
         skin=skin | {"electrode_deg": angles},
     )

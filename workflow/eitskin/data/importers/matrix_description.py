@@ -1,5 +1,6 @@
 """The description of a plain matrix in NAME.yaml beside it, and proposals where it is missing."""
 
+import json
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -7,6 +8,7 @@ from itertools import takewhile
 from pathlib import Path
 
 from eitskin import yaml_file
+from eitskin.data.importers import named_columns
 from eitskin.data.importers.protocol_search import common_protocol
 from eitskin.data.recording import NOTE, check_reading
 from eitskin.errors import InputError
@@ -36,10 +38,14 @@ LABEL_UNITS = {  # of a label's column, with what one of them is in the label's 
     "N": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
 }
+NAME_IN_UNIT = re.compile(r"(?P<stem>.+?)[ _]*[ _([](?P<unit>[A-Za-zµμΩ]+)[)\]]?")
 MIN_COMMON_LETTERS = (
     3  # letters that a column's name and its label's have in common, or the whole name
 )
 UNITS = {  # of tables, with the unit of recordings and what one of them is in it
+    "V": ("V", 1.0),
+    "ohm": ("ohm", 1.0),
+    "Ω": ("ohm", 1.0),
     "mV": ("V", 1e-3),
     "uV": ("V", 1e-6),
     "µV": ("V", 1e-6),
@@ -76,8 +82,7 @@ def read_description(path: Path) -> dict:
     for key in ("drive", "order", "source"):
         if key in description and not isinstance(description[key], str):
             raise InputError(file, f"key {key}", repr(description[key]), "a word")
-    if str(description.get("unit")) in UNITS:
-        description["unit"], description["unit_size"] = UNITS[description["unit"]]
+    description |= in_recordings_unit(description.get("unit"))
     if description.get("values") == "normalised":
         expected = (
             "difference: multiply each channel by the size of its untouched reading, which no "
@@ -105,6 +110,12 @@ def read_description(path: Path) -> dict:
     if not isinstance(description.get("skin", {}), dict):
         raise InputError(file, "key skin", repr(description["skin"]), "a mapping")
     return description
+
+
+def in_recordings_unit(unit: object) -> dict:
+    """The keys `unit` and `unit_size` that a table's unit means; none of a unit of no table."""
+    meaning = UNITS.get(unit) if isinstance(unit, str) else None
+    return {} if meaning is None else dict(zip(("unit", "unit_size"), meaning, strict=True))
 
 
 def missing_description(
@@ -149,26 +160,35 @@ def missing_labels(path: Path, names: Sequence[str]) -> InputError | None:
     usual_stem = Counter(name_stems).most_common(1)[0][0] if name_stems else ""
     odd_names = [name for name, kind in zip(names, name_stems, strict=True) if kind != usual_stem]
     example_text = example(len(names) - len(odd_names)) if odd_names else None
+    usual_names = [name for name in names if name not in odd_names]
+    if odd_names and named_columns.channels(usual_names) is not None:
+        example_text = "{}"  # the names tell the channels
     if example_text is None:
         return None
     labels: dict[str, str] = {}
     for name in odd_names:
         labels[_probable_label(name, [label for label in LABELS if label not in labels])] = name
-    guess = ", ".join(f"{label}: {name}" for label, name in labels.items())
+    guess = ", ".join(f"{_plain(label)}: {_plain(name)}" for label, name in labels.items())
+    keys = f"{example_text[1:-1]}, " if example_text != "{}" else ""
     count = len(names) - len(odd_names)
     columns = f"columns {', '.join(odd_names)}"
     violation = f"{columns} beside {count} readings, and nothing that says what they are"
     expected = (
         f"their labels in {description_path(path).name}, in the units of the labels' names; "
-        f"guessed, to be corrected: {example_text[:-1]}, labels: {{{guess}}}}}"
+        f"guessed, to be corrected: {{{keys}labels: {{{guess}}}}}"
     )
     return InputError(path, "columns", violation, expected)
+
+
+def _plain(name: str) -> str:
+    """A name as YAML reads it within braces."""
+    return name if re.fullmatch(r"\w[\w ().?/-]*", name) else json.dumps(name, ensure_ascii=False)
 
 
 def label_in_unit(name: str) -> tuple[str, float] | None:
     """The label that a column's name with a unit means, and what one of that unit is in the
     label's: `px [cm]` is x_mm, 10. None for a name that says no unit, or no label."""
-    match = re.fullmatch(r"(?P<stem>.+?)[ _]*[ _([](?P<unit>[A-Za-zµμ]+)[)\]]?", name.strip())
+    match = NAME_IN_UNIT.fullmatch(name.strip())
     if match is None:
         return None
     for label, names in WITH_UNIT.items():
@@ -179,12 +199,39 @@ def label_in_unit(name: str) -> tuple[str, float] | None:
     return None
 
 
+def label_of_unit(name: str) -> tuple[str, float] | None:
+    """The label that only the unit of a column's name tells, seconds or newtons in brackets or
+    alone, and what one of that unit is in the label's: `Kraft (mN)` is force_N, 0.001."""
+    match = re.fullmatch(
+        r"(?P<stem>.*?) *[([](?P<unit>[^()[\]]+)[)\]]|(?P<alone>\w+)", name.strip()
+    )
+    if match is None:
+        return None
+    unit = match["unit"] or match["alone"]
+    for label in ("time_s", "force_N"):
+        factor = LABEL_UNITS[label.rpartition("_")[2]].get(unit)
+        if factor and match["alone"] != "min":  # the least value, as likely
+            return label, factor
+    return None
+
+
+def unit_of(names: Sequence[str]) -> str | None:
+    """The unit that all names of readings end with, of those that tables have."""
+    matches = [NAME_IN_UNIT.fullmatch(name.strip()) for name in names]
+    units = {match["unit"] if match else "" for match in matches}
+    unit = units.pop() if len(units) == 1 else None
+    return unit if unit in UNITS else None
+
+
 def _probable_label(name: str, free_labels: list[str]) -> str:
     """The label that people mean by a column's name, else the one that begins as it does, else a
-    note."""
+    note. Another length in mm is the probe's diameter."""
     for label in free_labels:
         if re.fullmatch(USUAL_NAMES.get(label, "(?!)"), name, re.IGNORECASE):
             return label
+    match = NAME_IN_UNIT.fullmatch(name)
+    if match and match["unit"] == "mm" and "probe_mm" in free_labels:
+        return "probe_mm"
     nearest = max(free_labels, key=lambda label: _common_prefix_length(label, name), default="")
     is_near = _common_prefix_length(nearest, name) >= min(MIN_COMMON_LETTERS, len(name))
     return nearest if is_near else f"{NOTE}{name}"

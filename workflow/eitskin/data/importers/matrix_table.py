@@ -18,7 +18,9 @@ from eitskin.data.importers.matrix_description import (
     LABELS,
     description_path,
     label_in_unit,
+    label_of_unit,
     labels_path,
+    unit_of,
 )
 from eitskin.data.recording import NOTE
 from eitskin.errors import InputError
@@ -104,8 +106,16 @@ def _from_text(path: Path, columns: dict) -> Table:
         for column in free_columns
         if names and names[column] and column not in index and _is_words(cells, column)
     ]
+    clock = next(
+        (column for column in words if "time_s" not in places and _is_clock(cells, column)), None
+    )
+    if clock is not None:
+        words.remove(clock)
+        places["time_s"] = clock
+        renamed[names[clock]] = "time_s"
     places |= {f"{NOTE}{names[column]}": column for column in words}
-    reading_columns = [column for column in free_columns if column not in (*index, *words)]
+    label_columns = {*index, *places.values()}
+    reading_columns = [column for column in free_columns if column not in label_columns]
     labels = {
         name: _label(cells, name, column, factors.get(name)) for name, column in places.items()
     }
@@ -121,32 +131,47 @@ def _from_text(path: Path, columns: dict) -> Table:
     by_unit = ", ".join(f"{name} taken for {label}" for name, label in renamed.items())
     remark = "; ".join(filter(None, (cells.remark, by_unit, counted, remark)))
     channels_by_name = named_columns.channels(reading_names)
-    return Table(values, labels, reading_names, channels_by_name, None, remark)
+    return Table(values, labels, reading_names, channels_by_name, unit_of(reading_names), remark)
 
 
 def _labels_in_units(
     names: list[str], places: Container[str]
 ) -> tuple[dict[str, float], dict[str, str]]:
-    """The factors to the units of labels that columns' names with a unit mean, and those labels by
-    column's name; of labels that have no place yet, and that one name alone means."""
+    """The factors to the units of labels that columns' names with a unit mean, or their unit alone,
+    and those labels by column's name; of labels that have no place yet, and that one name alone
+    means."""
     meanings = {
         name: meaning
         for name in names
         if not is_label(name) and (meaning := label_in_unit(name)) and meaning[0] not in places
     }
+    labels_by_name = {label for label, _ in meanings.values()}
+    for name in names:
+        meaning = None if is_label(name) or name in meanings else label_of_unit(name)
+        if meaning and meaning[0] not in places and meaning[0] not in labels_by_name:
+            meanings[name] = meaning
     labels = [label for label, _ in meanings.values()]
     single = {name: meaning for name, meaning in meanings.items() if labels.count(meaning[0]) == 1}
     return dict(single.values()), {name: label for name, (label, _) in single.items()}
 
 
 def _counts_rows(cells: delimited.Cells, column: int) -> bool:
-    """Whether a column without a name of its own, as pandas writes it, counts the rows."""
+    """Whether a column without a name of its own, as pandas writes it, or one of frames' numbers
+    counts the rows."""
     assert cells.names is not None
-    if cells.names[column].lower() not in ("", "index", "unnamed: 0"):
+    if cells.names[column].lower() not in ("", "index", "unnamed: 0", *named_columns.FRAMES):
         return False
     numbers = cells.words(column)
     first = numbers[0] or ""
     return first.isdecimal() and numbers == [str(int(first) + k) for k in range(len(numbers))]
+
+
+def _is_clock(cells: delimited.Cells, column: int) -> bool:
+    """Whether a column of words has a date and time in each cell."""
+    try:
+        return bool([delimited.seconds(word or "") for word in cells.words(column)])
+    except ValueError:
+        return False
 
 
 def _is_words(cells: delimited.Cells, column: int) -> bool:
@@ -160,6 +185,8 @@ def _label(
     """The values of a label; `factor`: what one of the column's unit is in the label's."""
     if name in WORDS or name.startswith(NOTE):
         return cells.words(column)
+    if name == "time_s" and _is_words(cells, column):
+        return np.array([delimited.seconds(word or "") for word in cells.words(column)])
     numbers = cells.numbers([column])[:, 0]
     if np.iscomplexobj(numbers):
         raise InputError(cells.path, f"label {name}", "complex numbers", "real ones")

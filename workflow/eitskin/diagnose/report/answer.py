@@ -1,9 +1,11 @@
 """The answer of a diagnosis as HTML: what is certain and what it changed, what is a little wrong
 everywhere, candidates, what is not known, and how to use it."""
 
+import re
 from html import escape
 
 import numpy as np
+import pandas as pd
 
 from eitskin.data import check
 from eitskin.data.dataset import no_training
@@ -37,14 +39,19 @@ SITE_NOUNS = {  # of members of families
     "contact-impedance": "electrode",
     "ground-leak": "electrode",
 }
-TOUCH_COLUMNS = ["x_mm", "y_mm", "force_N", "probe_mm"]  # that the simulation of a touch needs
+TOUCH_COLUMNS = {  # that the simulation of a touch needs
+    "x_mm": "place",
+    "y_mm": "place",
+    "force_N": "force",
+    "probe_mm": "probe",
+}
 
 
 def warnings(evidence: Evidence) -> str:
     """What the check of the recording warns of, folded unless it is unusable; "" for nothing."""
     report = check.check(evidence.recording)
     found = (*report.of_severity(check.ERROR), *report.of_severity(check.WARNING))
-    items = [f"<li>{escape(finding.topic)}: {escape(finding.sentence)}</li>" for finding in found]
+    items = [f"<li>{escape(finding.topic)}: {_marked(finding.sentence)}</li>" for finding in found]
     if not items:
         return ""
     advice = ""
@@ -53,12 +60,19 @@ def warnings(evidence: Evidence) -> str:
             "<p>What lies before a step and after it is diagnosed apart; <code>eitskin check</code>"
             " prints the commands that make a report of each part.</p>"
         )
+    if len(items) == 1 and report.ok and not advice:
+        return f"<div class='warning'><p>The check warns: {_marked(found[0].sentence)}</p></div>"
     listing = f"<ul>{''.join(items)}</ul>{advice}"
     if not report.ok:
         return f"<div class='warning'><p>This recording is not usable:</p>{listing}</div>"
     topics = listed([*dict.fromkeys(finding.topic for finding in found)])
     head = f"The check of this recording warns: {escape(topics)}"
     return f"<details class='warning'><summary>{head}</summary>{listing}</details>"
+
+
+def _marked(sentence: str) -> str:
+    """A sentence of the check as HTML, what a person types in it as code."""
+    return re.sub("`([^`]+)`", r"<code>\1</code>", escape(sentence))
 
 
 def answer(evidence: Evidence, hidden: str) -> str:
@@ -79,7 +93,7 @@ def answer(evidence: Evidence, hidden: str) -> str:
     rest = _families(diagnosis.get("families", []))
     if candidates:
         rest.append(_findings("Candidates, to be tried", candidates, evidence))
-    unknown = opening.unknown_sentences(diagnosis)
+    unknown = _unknown_touches(evidence) + opening.unknown_sentences(diagnosis)
     experiment = opening.experiment_sentence(diagnosis, evidence.experiment)
     if unknown or experiment:
         rest.append("<h2>What is not known</h2>")
@@ -198,13 +212,31 @@ def omitted_frames(evidence: Evidence) -> list[str]:
     if count < total - sum(last + 1 - first for first, last in stretches):
         sentences.append(f"An excerpt was diagnosed: {count} of {total} frames.")
     touched_frames = evidence.frames[evidence.frames["touch"]]
-    incomplete = touched_frames[TOUCH_COLUMNS].isna().any(axis=1).sum()
+    is_unknown = touched_frames[TOUCH_COLUMNS.keys()].isna()
+    incomplete = is_unknown.any(axis=1).sum()
     if incomplete:
         sentences.append(
-            f"Of {len(touched_frames)} touched frames {incomplete} took no part: their place, force"
-            " or probe is not known."
+            f"Of {len(touched_frames)} touched frames {incomplete} took no part:"
+            f" {_unknown_text(is_unknown)}."
         )
     return sentences
+
+
+def _unknown_touches(evidence: Evidence) -> list[str]:
+    """That touched frames took no part, in a sentence without numbers; none where all did."""
+    touched_frames = evidence.frames[evidence.frames["touch"]]
+    is_unknown = touched_frames[TOUCH_COLUMNS.keys()].isna()
+    is_incomplete = is_unknown.any(axis=1)
+    if not is_incomplete.any():
+        return []
+    which = "No" if is_incomplete.all() else "Not every"
+    return [f"{which} touched frame took part: {_unknown_text(is_unknown)}."]
+
+
+def _unknown_text(is_unknown: pd.DataFrame) -> str:
+    """`the force is not known`, of touches with such columns that are unknown."""
+    nouns = [noun for key, noun in TOUCH_COLUMNS.items() if is_unknown[key].any()]
+    return f"the {' or '.join(dict.fromkeys(nouns))} is not known"
 
 
 def _change_figure(k: int, drawing: str, evidence: Evidence) -> str:

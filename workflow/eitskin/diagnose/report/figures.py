@@ -17,7 +17,13 @@ from matplotlib.ticker import MaxNLocator
 from eitskin.diagnose.report.answer import own_sizes_misfit
 from eitskin.diagnose.report.evidence import Evidence
 from eitskin.diagnose.search.gates import DISTINCT, NOTHING_UNNAMED
-from eitskin.diagnose.verdict.words import is_certain, last_scores, place_text, sites_text
+from eitskin.diagnose.verdict.words import (
+    UNITS,
+    is_certain,
+    last_scores,
+    place_text,
+    sites_text,
+)
 from eitskin.effects import EFFECTS
 from eitskin.physics.outline import is_plain_disc
 from eitskin.plotting import (
@@ -245,6 +251,11 @@ def has_hidden_errors(evidence: Evidence) -> bool:
     return bool(np.isfinite(evidence.last_before_V).any())
 
 
+def is_corrected(evidence: Evidence) -> bool:
+    """Whether the simulation after is another than before."""
+    return bool(evidence.diagnosis["effects"] or evidence.diagnosis.get("families"))
+
+
 def hidden_error(evidence: Evidence) -> Figure:
     """Root mean square error of the simulation in every channel, in the unit of the readings, on
     those that decided nothing, before and after in one scale; one panel where nothing is
@@ -253,7 +264,7 @@ def hidden_error(evidence: Evidence) -> Figure:
     if not has_hidden_errors(evidence):
         residuals = evidence.residual_before, evidence.residual_after
         errors = [residual * evidence.noise_sd_V for residual in residuals]
-    if not (evidence.diagnosis["effects"] or evidence.diagnosis.get("families")):
+    if not is_corrected(evidence):
         errors = errors[1:]
     cells = [matrix(evidence.channels, np.sqrt(_frame_mean(error**2))) for error in errors]
     factor, unit = prefixed(float(np.nanmax(cells)), evidence.reading_unit)
@@ -266,7 +277,8 @@ def hidden_error(evidence: Evidence) -> Figure:
         image = draw_matrix(axes, evidence.channels, panel / factor, norm, DARKENING)
         image.set_cmap(image.get_cmap().with_extremes(bad="white"))
         rms = float(np.sqrt(np.nanmean(error**2)))
-        axes.set_title(f"{title}: {quantity(rms, evidence.reading_unit)}", color=colour)
+        size = quantity(rms, evidence.reading_unit).removesuffix(UNITS["arbitrary"]).rstrip()
+        axes.set_title(f"{title}: {size}", color=colour)
     row[0].set_ylabel("drive, source electrode")
     row[0].invert_yaxis()
     place: dict[str, Any] = {"location": "bottom", "aspect": 40, "shrink": 0.8, "pad": 0.03}

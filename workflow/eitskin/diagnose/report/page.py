@@ -14,8 +14,8 @@ from eitskin.diagnose.report.markup import document, figure, figure_row
 CAPTIONS = {
     "electrodes": "The ring of electrodes, numbered from 0. Numbers in discs mark what is named"
     " above, at its electrodes or place; arrows are drives, dotted lines measuring pairs.",
-    "hidden": "Error of the simulation in every channel, before and after, in one scale: the darker"
-    " the larger. {of}{after} White: not read.",
+    "hidden": "Error of the simulation {channels}: the darker the larger. {of}{after} White:"
+    " {white}.",
     "residual_matrix": "Every channel: what the simulation leaves, in one colour scale, or in one"
     f" each where they differ by more than {figures.LARGEST_SCALE_RATIO} times. A dash: well below"
     " the simulation. Grey: channels that are not read. An electrode's fault shows as its two rows"

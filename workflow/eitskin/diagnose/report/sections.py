@@ -9,7 +9,7 @@ import pandas as pd
 
 from eitskin.diagnose.report.answer import expected_misfit, last_amount, own_sizes_misfit
 from eitskin.diagnose.report.evidence import Evidence
-from eitskin.diagnose.report.figures import has_hidden_errors
+from eitskin.diagnose.report.figures import has_hidden_errors, is_corrected
 from eitskin.diagnose.report.markup import code, figure_row, numbers_unbroken, table
 from eitskin.diagnose.search.gates import CLEARLY_DISTINCT, DISTINCT
 from eitskin.diagnose.search.journal import CUT_SHORT, START
@@ -67,7 +67,14 @@ def hidden_caption(evidence: Evidence) -> dict[str, str]:
     if not has_hidden_errors(evidence):
         of = "On the readings that the diagnosis used: none that it did not are kept here."
     after = corrected_by(evidence)
-    return {"of": of, "after": f" After: {after}." if after else ""}
+    is_apart = has_hidden_errors(evidence) and evidence.last_channels.any()
+    comparison = ", before and after, in one scale" if is_corrected(evidence) else ""
+    return {
+        "channels": f"in {'the channels put aside' if is_apart else 'every channel'}{comparison}",
+        "of": of,
+        "after": f" After: {after}." if after else "",
+        "white": "used by the diagnosis, or not read" if is_apart else "not read",
+    }
 
 
 def misfit_legend(evidence: Evidence) -> str:

@@ -256,7 +256,10 @@ def _sites(misfit: _Misfit) -> dict[str, dict[str, tuple[str, np.ndarray]]]:
             for a, b in np.unique(channels[:, 2:], axis=0)
         },
         "separation": {
-            str(k): (f"measuring {k} electrodes after the source", np.flatnonzero(separation == k))
+            str(k): (
+                f"what is measured {k} electrodes after the source",
+                np.flatnonzero(separation == k),
+            )
             for k in np.unique(separation)
         },
     }
@@ -361,7 +364,7 @@ def _nearness_rows(misfit: _Misfit) -> Iterator[_Row]:
     for site, (name, channels) in _electrodes(misfit.channels).items():
         profiles = np.ones((len(misfit.channels), 2))
         profiles[:, 1] = np.isin(np.arange(len(misfit.channels)), channels)
-        claim = f"the share by which the touch's signal is off is other near {name}"
+        claim = f"the share by which the touch's signal is off differs near {name}"
         yield _Row("position: electrode", site, claim, *projections[int(site)].explained(profiles))
 
 

@@ -96,7 +96,7 @@ def _time_laws(recording: Recording, nuisances: np.ndarray) -> Iterator[Law]:
     if "session" in frames and frames["session"].nunique(dropna=False) > 1:
         for name, rows in frames.groupby("session", dropna=False, sort=False).indices.items():
             indicator = _indicator(rows, len(frames))
-            phrase = f"is other in session {name} than in the others"
+            phrase = f"differs in session {name} from the others"
             yield Law("session", str(name), phrase, indicator, nuisances, touch=False)
 
 
@@ -108,13 +108,13 @@ def _press_laws(recording: Recording, touch: np.ndarray) -> Iterator[Law]:
         for label in labels:
             rows = np.flatnonzero(press == label)
             x, y = frames["x_mm"].iloc[rows[0]], frames["y_mm"].iloc[rows[0]]
-            phrase = f"is other in press {label}, at ({x:.4g}, {y:.4g}) mm, than in the others"
+            phrase = f"differs in press {label}, at ({x:.4g}, {y:.4g}) mm, from the others"
             yield Law("press", str(label), phrase, _indicator(rows, len(frames)), touched)
     probe = frames["probe_mm"].to_numpy(float)
     sizes = np.unique(probe[np.isfinite(probe)])
     if len(sizes) > 1:
         for size in sizes:
-            phrase = f"is other under the probe of {size:g} mm than under the others"
+            phrase = f"differs under the probe of {size:g} mm from the others"
             yield Law("probe", f"{size:g} mm", phrase, (probe == size).astype(float), touched)
     if recording.metadata["clock"] == "measured":
         time, dwell = frames["time_s"].to_numpy(float), np.zeros(len(frames))

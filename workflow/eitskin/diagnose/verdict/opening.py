@@ -22,7 +22,9 @@ from eitskin.effects.effect import SITES
 from eitskin.quantities import listed, quantity
 
 INTERVAL = re.compile(r" \(90 %: [^)]*\)")
+INSTEAD = ". Instead "  # begins another cause of the same readings
 SENTENCE_END = re.compile(r"(?<=\.) (?=[A-Z])")
+CLEARLY_MORE = 1.1  # times the noise of a reading
 HARDLY_CHANGED = 0.9  # of the error before: more than that is hardly a change
 MOST_NAMES = 3  # of a list in a sentence; the rest are others
 SHARED_MISFIT = 1.05  # chi squared a degree of freedom: more than the noise is left
@@ -38,6 +40,8 @@ PLAINEST = (
 CONSISTENT = (
     "Nothing is missing that this recording could show: the simulation can be used as it is."
 )
+PRESSES = "presses at known places and forces, from light to hard, with two known probes"
+OF_TOUCHES = tuple(name for name, effect in EFFECTS.items() if effect.stage == "touch")
 WORTH = "The one experiment worth doing"
 UNNAMED = "Something is wrong that has no name here"
 
@@ -47,7 +51,10 @@ def opening(diagnosis: dict, channels: np.ndarray) -> str:
     to do about it; where nothing is, what to try first. channels (M, 4): the recording's."""
     certain, candidates = findings(diagnosis)
     if certain:
-        return f"{_bare(certain[0]['sentence'])}: {_advice(certain[0], channels)}."
+        sentence = certain[0]["sentence"]
+        or_else = " (or what reads the same, below)" if INSTEAD in sentence else ""
+        mark = ";" if ": " in _bare(sentence) else ":"
+        return f"{_bare(sentence)}{or_else}{mark} {_advice(certain[0], channels)}."
     trial_text = ""
     if candidates:
         trial_text = f"to try first: {_advice(plainest(candidates[0]), channels)}."
@@ -79,7 +86,8 @@ def extent(diagnosis: dict) -> str:
     if diagnosis["verdict"] == "consistent":
         return ""
     if diagnosis["verdict"] == "explained":
-        return "This explains the difference between simulation and recording."
+        text = "This explains the difference between simulation and recording"
+        return f"{text}, which is small here." if _hardly_changes(diagnosis) else f"{text}."
     if certain or diagnosis.get("families"):
         return "This explains a part of the difference between simulation and recording."
     if candidates:
@@ -96,14 +104,23 @@ def error_sentence(diagnosis: dict, unit: str) -> str:
         role = "that were left out in turn"
     before, after = (scores[f"rms_{key}_V"] for key in ("before", "after"))
     noise = f"the noise of a reading is {quantity(diagnosis['noise_V'], unit)}"
+    is_accounted_for = diagnosis["verdict"] in ("consistent", "explained")
+    if is_accounted_for and after > CLEARLY_MORE * diagnosis["noise_V"]:
+        noise += ", and errors of the rig come on top"
     if before == after:
         return f"On readings {role} the simulation is off by {quantity(after, unit)}; {noise}."
     change = f"from {quantity(before, unit)} to {quantity(after, unit)}"
-    if HARDLY_CHANGED < after / before <= 1.0:
+    if _hardly_changes(diagnosis):
         return f"On readings {role} the error of the simulation hardly changes, {change}; {noise}."
     if after > before:
         return f"On readings {role} the error of the simulation does not fall: {change}; {noise}."
     return f"On readings {role} the error of the simulation falls {change}; {noise}."
+
+
+def _hardly_changes(diagnosis: dict) -> bool:
+    """Whether the error on readings that the diagnosis did not use falls by little."""
+    scores = last_scores(diagnosis)
+    return HARDLY_CHANGED * scores["rms_before_V"] < scores["rms_after_V"] <= scores["rms_before_V"]
 
 
 def plainest(effect: dict) -> dict:
@@ -129,7 +146,7 @@ def candidate_sentence(effect: dict) -> str:
     location = f" of {place}" if place else ""
     return (
         f"Perhaps it is the {plain(spoken['name'])}{location}: this recording cannot tell it from"
-        f" {names_text(rivals)}. By {plain(effect['name'])} it reads: {_lowered(text[8:])}"
+        f" {names_text(rivals)}. If it is {plain(effect['name'])}, {_lowered(text[8:])}"
     )
 
 
@@ -143,7 +160,9 @@ def unknown_sentences(diagnosis: dict) -> list[str]:
         and last_scores(diagnosis)["chi2_per_dof_after"] > SHARED_MISFIT
     ):
         lines.append("More is left than the noise accounts for.")
-    if diagnosis["unobservable"]:
+    if {*OF_TOUCHES} <= {*diagnosis["unobservable"]}:
+        lines.append("This recording could not have shown what touches do.")
+    elif diagnosis["unobservable"]:
         names = names_text(diagnosis["unobservable"])
         lines.append(f"This recording could not have shown {names}.")
     return lines + bound_sentences(diagnosis["calibration"])
@@ -158,10 +177,11 @@ def experiment_sentence(diagnosis: dict, experiment: dict) -> str:
             by_recipe.setdefault(pair["recipe"], []).append(pair)
     if by_recipe:
         recipe = max(by_recipe, key=lambda text: len(by_recipe[text]))
-        pairs = [
-            f"{plain(pair['a'])} from {plain(pair['b'])}" for pair in by_recipe[recipe][:MOST_NAMES]
-        ]
-        return f"{WORTH}: {_lowered(recipe).rstrip('.')}; that would tell {listed(pairs)}."
+        rivals: dict[str, list[str]] = {}
+        for pair in by_recipe[recipe][:MOST_NAMES]:
+            rivals.setdefault(pair["a"], []).append(plain(pair["b"]))
+        pair_texts = [f"{plain(name)} from {listed(names)}" for name, names in rivals.items()]
+        return f"{WORTH}: {_lowered(recipe).rstrip('.')}; that would tell {'; '.join(pair_texts)}."
     if experiment["pairs"]:
         pair = experiment["pairs"][0]
         return f"Nothing that was tried would tell {plain(pair['a'])} from {plain(pair['b'])}."
@@ -170,6 +190,8 @@ def experiment_sentence(diagnosis: dict, experiment: dict) -> str:
         by_recording.setdefault(EFFECTS[name].shown_by, []).append(name)
     if not by_recording:
         return ""
+    if {*OF_TOUCHES} <= {*diagnosis["unobservable"]}:
+        return f"{WORTH}: {PRESSES}."
     recording = max(by_recording, key=lambda text: len(by_recording[text]))
     return f"{WORTH}: {recording}; it could show {names_text(by_recording[recording])}."
 
@@ -182,7 +204,12 @@ def use_sentence(diagnosis: dict) -> tuple[str, bool]:
     if not (diagnosis["effects"] or diagnosis.get("families")):
         if diagnosis["verdict"] == "consistent":
             return "The simulation needs no correction.", True
-        return "Nothing is corrected, as nothing has a name: find out first what is wrong.", False
+        text = (
+            "Nothing is corrected, as nothing has a name. Look in this order at what eitskin check"
+            " warns of, at numbers of the skin that were guessed, and at the labels of touches;"
+            " then record a known skin and compare."
+        )
+        return text, False
     if scores["rms_after_V"] > scores["rms_before_V"]:
         text = (
             "The corrected simulator is no better on readings that it never saw: use it for nothing"
@@ -198,7 +225,7 @@ def use_sentence(diagnosis: dict) -> tuple[str, bool]:
 
 def plain(name: str) -> str:
     """A name of the catalogue as words of a sentence."""
-    return name.replace("-", " ")
+    return re.sub(r"\badc\b", "ADC", name.replace("-", " "))
 
 
 def names_text(names: Sequence[str]) -> str:

@@ -10,7 +10,7 @@ from eitskin.diagnose.search.gates import NOTHING_UNNAMED
 from eitskin.diagnose.verdict.atlas import DISCOVERY
 from eitskin.diagnose.verdict.passing import discovered, is_passing
 
-NO_PATTERN = "More is left than chance leaves, without a pattern that a test knows."
+NO_PATTERN = "More is left than chance leaves, and no pattern in it points to a cause."
 PRIOR = 0.05  # that physics outside the catalogue is present, before looking
 # What a Bayes factor's logarithm counts, and the largest that it may be: a p-value is no smaller
 # than the covariance is true. Of the logistic regression that `proof.other_probability` makes.

@@ -50,7 +50,7 @@ SOME_CERTAIN = (
     " certain."
 )
 CALIBRATIONS = {
-    "conductivity_S_per_m": "the gel's conductivity",
+    "conductivity_S_per_m": "the skin's conductivity",
     "radius_mm": "the skin's radius",
     "thickness_mm": "the skin's thickness",
     "contact_impedivity_ohm_m2": "the contact impedivity of all electrodes",
@@ -198,6 +198,8 @@ def effect_sentence(entry: dict, effect: Effect) -> str:
     if effect.opposite is not None and has_opposite and _are_negative(estimates):
         text = text.replace(*effect.opposite)
         estimates = {key: _negated(estimate) for key, estimate in estimates.items()}
+    elif has_opposite and _have_both_signs(estimates):
+        text = text.replace("towards", "counted towards")
     optional = {key.partition(":")[0] for p in PART.findall(text) for key in GAP.findall(p)}
     unbounded = [key for key in estimates if key in optional and _is_unbounded(estimates[key])]
     sizes = {
@@ -245,6 +247,10 @@ def alternatives_sentence(effect: dict) -> str:
 
 def _are_negative(estimates: dict) -> bool:
     return all(np.max(estimate["value"]) < 0.0 for estimate in estimates.values())
+
+
+def _have_both_signs(estimates: dict) -> bool:
+    return any(np.min(e["value"]) < 0.0 < np.max(e["value"]) for e in estimates.values())
 
 
 def _negated(estimate: dict) -> dict:
