@@ -2,9 +2,9 @@
 
 Every frame with objects that another laboratory published, as `proof.objects` lists them (of the
 rod every tenth), is diagnosed alone, as `eitskin diagnose FILE --part PART` does, and so is every
-empty tank. Where the objects are is taken from OUT/objects.csv of `python -m proof.objects OUT`,
-which compares the same frame with its empty tank. One row a frame, written as JSON: a second run
-goes on where the first was.
+empty tank. Where the objects are is taken from `eitskin compare`, which has the empty tank beside
+the same frame (`proof.objects`). One row a frame, written as JSON: a second run goes on where the
+first was.
 """
 
 import argparse
@@ -12,8 +12,7 @@ import json
 import os
 import time
 from pathlib import Path
-
-import pandas as pd
+from tempfile import TemporaryDirectory
 
 from eitskin.atomic import atomic_path
 from eitskin.data.reading import read
@@ -24,9 +23,7 @@ from eitskin.quantities import percent
 from proof.dense import NEAR
 from proof.intervals import wilson
 from proof.markdown import table
-from proof.objects import ROD, TEN, Case, cases
-
-FOLDER = "absolute"
+from proof.objects import ROD, TEN, Case, answer, cases, judged
 
 
 def frames(data: Path) -> list[Case]:
@@ -37,14 +34,15 @@ def frames(data: Path) -> list[Case]:
 
 
 def row(case: Case) -> dict:
-    """One frame diagnosed, its objects in shares of the tank's radius."""
+    """One frame diagnosed, its objects and where they are in shares of the tank's radius."""
     recorded = read(str(case.later), part=case.part)
     start = time.process_time()
     diagnosed = diagnosis.diagnose(recorded)
     content = document(diagnosed, case.name)
-    radius_mm = diagnosed.recording.skin.radius_mm
+    radius_mm = diagnosed.search.problem.model.nominal_skin.radius_mm
     return {
         "case": case.name,
+        "truth": places(case),
         "cpu_seconds": time.process_time() - start,
         "verdict": content["verdict"],
         "effects": [
@@ -67,35 +65,35 @@ def row(case: Case) -> dict:
     }
 
 
-def truths(objects: pd.DataFrame) -> dict[str, list[tuple[complex, bool]]]:
-    """Places, in shares of the radius, and whether each conducts better, by case."""
-    return {
-        entry["case"]: [
-            (complex(float(x), float(y)), sign == "+")
-            for x, y, sign in zip(
-                *(str(entry[key]).split() for key in ("x", "y", "conducting")), strict=True
-            )
-        ]
-        for entry in objects.fillna("").to_dict("records")
-    }
+def places(case: Case) -> list[tuple[float, float, bool]]:
+    """Where a comparison with the empty tank has a case's objects, x and y in shares of the radius,
+    and whether each conducts better; of an empty tank none."""
+    if case.truth == ():
+        return []
+    with TemporaryDirectory() as folder:
+        objects = judged(case, answer(case, 0, Path(folder)))
+    keys = ("x", "y", "conducting")
+    x, y, signs = (objects[key].split() for key in keys)
+    return [(float(a), float(b), s == "+") for a, b, s in zip(x, y, signs, strict=True)]
 
 
-def scored(entry: dict, truth: list[tuple[complex, bool]]) -> dict:
-    """A frame's row beside where its objects are; truth: empty for an empty tank.
+def scored(entry: dict) -> dict:
+    """A frame's row, its objects counted by where they are.
 
     near: truths with an object of their sign within NEAR; stray: objects with no truth within NEAR.
     """
-    places = [(complex(o["x"], o["y"]), o["contrast"] > 1.0) for o in entry["objects"]]
+    named = [(complex(o["x"], o["y"]), o["contrast"] > 1.0) for o in entry["objects"]]
+    truth = [(complex(x, y), conducts) for x, y, conducts in entry["truth"]]
     near = [
-        any(abs(place - at) <= NEAR and sign is conducts for place, sign in places)
+        any(abs(place - at) <= NEAR and sign is conducts for place, sign in named)
         for at, conducts in truth
     ]
-    stray = [all(abs(place - at) > NEAR for at, _ in truth) for place, _ in places]
+    stray = [all(abs(place - at) > NEAR for at, _ in truth) for place, _ in named]
     last = entry["last"]
     return {
         "frame": entry["case"],
         "objects": len(truth),
-        "named": len(places),
+        "named": len(named),
         "near": sum(near),
         "stray": sum(stray),
         "certain": sum(o["certain"] for o in entry["objects"]),
@@ -140,22 +138,19 @@ def _rate(hits: list[bool]) -> tuple[str, int]:
 def main() -> None:
     """Diagnose the frames that have no row yet, then print the tables."""
     parser = argparse.ArgumentParser(prog="python -m proof.absolute")
-    parser.add_argument("folder", type=Path, help="that of proof.objects")
+    parser.add_argument("folder", type=Path)
     parser.add_argument("--only", default="", help="cases whose names begin so")
     folder, only = (vars(parser.parse_args())[key] for key in ("folder", "only"))
-    (folder / FOLDER).mkdir(parents=True, exist_ok=True)
-    known = truths(pd.read_csv(folder / "objects.csv"))
+    folder.mkdir(parents=True, exist_ok=True)
     scores = []
     for case in frames(Path(os.environ["EITSKIN_DATA"])):
-        path = folder / FOLDER / f"{case.name.replace(' ', '-')}.json"
+        path = folder / f"{case.name.replace(' ', '-')}.json"
         if not path.exists():
             if not case.name.startswith(only):
                 continue
             with atomic_path(path) as target:
                 target.write_text(json.dumps(row(case)) + "\n", encoding="utf-8")
-        entry = json.loads(path.read_text(encoding="utf-8"))
-        empty = " empty " in case.name
-        scores.append(scored(entry, [] if empty else known[case.name]))
+        scores.append(scored(json.loads(path.read_text(encoding="utf-8"))))
         print(f"{case.name}: {scores[-1]}", flush=True)
     print("\n".join(page(scores)))
 
