@@ -24,7 +24,6 @@ from eitskin.diagnose.fitting.simulator import Member
 from eitskin.diagnose.noise.components import COMPONENTS
 
 MOST_GROWTH = 100.0  # times its sd, that a family may be learned to have
-MOST_PRIOR_SDS = 10.0  # that a family may be large: of a gross misfit any size would take something
 APART = "apart"  # the first word of the name of a member that is apart from its family
 LEAST_DEVIATION = 1.5  # sds of its family, from which on a member may be apart
 OUTLYING = 8.4  # nats: of 37 names one, of six sizes of an effect one, and strong evidence, 3
@@ -84,7 +83,8 @@ class FamilySizes:
             likelihood, slopes = self.log_likelihood(present * np.exp(logarithms) * self.sds)
             return -likelihood, -slopes * present
 
-        most = np.clip(MOST_PRIOR_SDS * self._prior_sds() / self.sds, 1.0, MOST_GROWTH)
+        largest = [COMPONENTS[n].largest if n in COMPONENTS else np.inf for n in self.names]
+        most = np.clip(largest / self.sds, 1.0, MOST_GROWTH)
         start, bounds = np.zeros(len(present)), [(np.log(ABSENT), np.log(m)) for m in most]
         best = minimize(cost, start, method="L-BFGS-B", jac=True, bounds=bounds)
         ratio = present * np.exp(best.x)

@@ -11,12 +11,13 @@ from dataclasses import replace
 import numpy as np
 
 from eitskin.diagnose.fitting.candidates import Candidate
-from eitskin.diagnose.fitting.families import family_name, members
+from eitskin.diagnose.fitting.families import family_columns, family_name, members
 from eitskin.diagnose.fitting.family_sizes import FamilySizes
 from eitskin.diagnose.fitting.fit import Fit, Problem, fit, renewed_slopes
 from eitskin.diagnose.fitting.jacobian import Jacobian
 from eitskin.diagnose.fitting.linearisation import linearised_rig_errors
 from eitskin.diagnose.fitting.simulator import RecordingSimulator
+from eitskin.diagnose.fitting.tangents import Tangents
 from eitskin.diagnose.noise.components import COMPONENTS
 from eitskin.diagnose.noise.families import Family
 from eitskin.diagnose.noise.rig_errors import RigErrors
@@ -39,6 +40,7 @@ SILENT_ALONE = ("ground-leak",)  # at one site, where the source is tied to noth
 JOINING_SD = 0.1  # typical changes, that a family has which untouched frames do not show
 SIZE_ROUNDS = 4  # in which members and sizes follow each other, at most
 SAME_SIZE = 0.1  # of a size, by which another round may still change it
+MOST_CULPRITS = 0.25  # of a family's members, that effects may be: more are the family
 
 
 def family_sds(explanation: Explanation) -> dict[str, float]:
@@ -95,15 +97,20 @@ def _members_joined(search: Search, explanation: Explanation) -> tuple[Search, E
     """An explanation with the members of its families fitted, and the search beside them, which
     has no family in its covariance; begun from the sizes in the covariance, or from those of
     members that are fitted already."""
-    learned, rig = explanation, explanation.rig
+    learned, rig, model = explanation, explanation.rig, explanation.fit.problem.model
     assert rig is not None
-    sds = family_sds(learned) or _sds(learned.fit.problem.model)
-    derivatives = {name: rig.columns[name] for name in family_sds(learned)}
-    derivatives |= _typical_derivatives(learned.fit.problem.model)
-    for _ in range(JOINING_ROUNDS):
+    begin, returned = _without_common_culprits(learned.fit, search.problem.families)
+    sds = family_sds(learned) or _sds(model)
+    sds |= {name: max(sd, sds.get(name, 0.0)) for name, sd in returned.items()}
+    derivatives = {name: rig.columns[name] for name in sds if name in rig.columns}
+    derivatives |= _typical_derivatives(model)
+    absent = {name: search.problem.families[name] for name in sds if name not in derivatives}
+    derivatives |= family_columns(Tangents(begin, []), absent)
+    sds = {name: sd for name, sd in sds.items() if name in derivatives}
+    for number in range(JOINING_ROUNDS):
         rig_sds = {n: sd for n, sd in learned.error_sds.items() if n not in family_sds(learned)}
         problem = replace(search.problem, whitening=rig.whitening(rig_sds, fitted=True))
-        fitted = _members_fitted(problem, learned.fit, sds, derivatives)
+        fitted = _members_fitted(problem, begin if number == 0 else learned.fit, sds, derivatives)
         rig = linearised_rig_errors(fitted, search.problem.whitening, search.converter_step)
         explained = explain(search, fitted, learned.p_values, rig_sds, rig)
         learned = _with_culprits(search, explained)
@@ -121,6 +128,34 @@ def _members_joined(search: Search, explanation: Explanation) -> tuple[Search, E
     rig = linearised_rig_errors(fitted, in_noise.whitening, search.converter_step)
     search = replace(search, problem=in_noise, rig=rig, cache=Cache(null=search.cache.null))
     return search, explain(search, fitted, learned.p_values, rig_sds, rig)
+
+
+def _without_common_culprits(
+    fitted: Fit, families: Mapping[str, tuple[Candidate, ...]]
+) -> tuple[Fit, dict[str, float]]:
+    """A fit without effects that are more than MOST_CULPRITS of the members of a family; and by
+    family the rms of these effects' coordinates, in typical changes. Members that stand out of it
+    are effects again once it is fitted."""
+    sizes: dict[str, float] = {}
+    removed: set[int] = set()
+    for name, candidates in families.items():
+        member, count = candidates[0], sum(len(c.sites or (0,)) for c in candidates)
+        alike = [
+            i
+            for i, effect in enumerate(fitted.effects)
+            if (effect.name, effect.kind) == (member.name, member.kind)
+        ]
+        named = sum(len(fitted.effects[i].sites or (0,)) for i in alike)
+        if named > MOST_CULPRITS * count:
+            values = [fitted.theta[fitted.coordinate_slice(i)] for i in alike]
+            sizes[name] = float(np.sqrt((np.concatenate(values) ** 2).mean()))
+            removed |= set(alike)
+    places = [np.arange(len(fitted.theta))[fitted.coordinate_slice(i)] for i in removed]
+    coordinates = np.concatenate(places) if places else np.zeros(0, int)
+    effects = [effect for i, effect in enumerate(fitted.effects) if i not in removed]
+    slopes = Jacobian(np.delete(fitted.jacobian, coordinates, axis=0))
+    theta = np.delete(fitted.theta, coordinates)
+    return replace(fitted, effects=effects, theta=theta, slopes=slopes), sizes
 
 
 def _baseline(calibration: Explanation, in_noise: Search) -> Explanation:

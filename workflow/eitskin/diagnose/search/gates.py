@@ -508,6 +508,17 @@ FAMILY = Gate(
     "families, which the verdict counts and the report tells",
     "its family is worth {value} nats; it is told from {threshold} on",
 )
+FAMILIES_PREDICT = Gate(
+    "families-predict",
+    "squared misfit of the readings left out with all families, over that without a name",
+    0.5,
+    "at most",
+    "evidence",
+    "as `gross-share`: free values at every site take some of any misfit, and predict none of it",
+    "families that leave a gross misfit (`gross-misfit`)",
+    "with them {value} of the squared misfit of readings left out stays; families are told up to"
+    " {threshold} where a gross misfit stays",
+)
 SURE_GAIN = Gate(
     "sure-gain",
     f"log density of the folds left out, less {STANDARD_ERRORS:g} standard errors, above that of"

@@ -5,13 +5,15 @@ import numpy as np
 from eitskin.diagnose.fitting.candidates import Candidate, replaces_instrument
 from eitskin.diagnose.fitting.estimates import range_share
 from eitskin.diagnose.fitting.family_sizes import standing_out
+from eitskin.diagnose.fitting.fit import rewhitened
 from eitskin.diagnose.fitting.harm import harm
-from eitskin.diagnose.fitting.held_out import gain_over_presses
+from eitskin.diagnose.fitting.held_out import gain_over_presses, held_out
 from eitskin.diagnose.search.explanation import Explanation
 from eitskin.diagnose.search.families import grown_with_members
 from eitskin.diagnose.search.gates import (
     ACCEPTABLE,
     CULPRIT,
+    FAMILIES_PREDICT,
     FOLDS,
     HARM_ERRORS,
     HARM_RATIO,
@@ -21,14 +23,20 @@ from eitskin.diagnose.search.gates import (
 )
 from eitskin.diagnose.search.growth import Outcome
 from eitskin.diagnose.search.journal import Journal
-from eitskin.diagnose.search.prediction import acceptance_p_value, named_prediction, predicted
+from eitskin.diagnose.search.prediction import (
+    acceptance_p_value,
+    is_gross,
+    named_prediction,
+    predicted,
+)
 from eitskin.diagnose.search.refits import named_fit, reduced, settled
 from eitskin.diagnose.search.search import Search
 
 
 def pruned(outcome: Outcome, units: np.ndarray, noise_dof: float) -> Outcome:
     """An outcome of a search less the effects that do not earn their place; where that was a last
-    resort, the explanation before it, judged in the noise before it.
+    resort, the explanation before it, judged in the noise before it. Where families do not predict
+    a gross misfit, nothing is explained.
 
     units (N, M): labels of independent units of the recording (`held_out.error_units`); noise_dof:
     degrees of freedom of the noise's scale.
@@ -36,12 +44,27 @@ def pruned(outcome: Outcome, units: np.ndarray, noise_dof: float) -> Outcome:
     search, calibration, after = outcome
     was_replaced = replaces_instrument(after.effects)
     search, after = settled(search, after)
+    unnamed = search, calibration, calibration
     in_noise, calibration, after = grown_with_members((search, calibration, after))
     after = _earning(in_noise, after, units, noise_dof)
+    if in_noise is not search and not _predicts_misfit(in_noise, calibration, after):
+        search.report("families do not predict what is left out: nothing is explained")
+        return unnamed
     if was_replaced and not replaces_instrument(after.effects):
         in_noise = in_noise.restored()
         after = _earning(in_noise, calibration, units, noise_dof)
     return in_noise, calibration, after
+
+
+def _predicts_misfit(search: Search, calibration: Explanation, explanation: Explanation) -> bool:
+    """Whether an explanation with families leaves no gross misfit, or predicts most of the misfit
+    of the folds left out that the calibrations leave."""
+    if not is_gross(search, explanation):
+        return True
+    named = named_fit(explanation)
+    before = held_out(rewhitened(calibration.fit, named.problem), search.folds)
+    share = named_prediction(explanation, named).rms ** 2 / before.rms**2
+    return FAMILIES_PREDICT.admits(share)
 
 
 def _earning(
