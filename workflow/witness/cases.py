@@ -368,9 +368,10 @@ def draw(
     """One case. kind: null, single:<name>, pair, triple or outside:<law>; or any word, where the
     `names` of its effects are given; with +rig, the same case recorded by a rig with errors, or
     with +rig:<kind>,<kind> with these; +alien and +sealed: likewise with errors of `alien_errors`,
-    a null's noise then being 0.01 % to 1 %; with +outline, before these, a skin of one of
-    `outline_cases.CONCEALING`, in turn, by the generator elements, OUTLINE_FRAMES. generator: the solver of the stored readings, of
-    `generators.GENERATORS`; strengths are determined with the boundary where it can solve the law.
+    a null's noise then being 0.01 % to 1 %; with +outline, before these, OUTLINE_FRAMES of a skin
+    of one of `outline_cases.CONCEALING`, in turn, by the generator elements. generator: the solver
+    of the stored readings, of `generators.GENERATORS`; strengths are determined with the boundary
+    where it can solve the law.
 
     Skin: radius 50 to 90 mm, thickness 2 to 4 mm (10 to 25 as a body), contacts 4 to 9 mm wide
     of 5e-4 to 1e-2 ohm m2, conductivity up to 15 % off; 100 to 150 frames, or `frames`; noise

@@ -60,15 +60,15 @@ class Shape:
 
 @dataclass(frozen=True)
 class OutlineShape(Shape):
-    """The shape of a skin with an outline, of which angles are shares of the length and radius_mm is
-    that over 2 pi. Harmonics move the rim along its normal, by sqrt(area / pi) where they are 1, and
-    are those of a rim without corners."""
+    """The shape of a skin with an outline: angles are shares of its length, radius_mm is that over
+    2 pi. Harmonics move the rim along its normal, by sqrt(area / pi) where they are 1; none are of
+    a rim with corners."""
 
     outline: Outline = field(kw_only=True)
 
     def rim(self, phi: np.ndarray, derivative: int = 0) -> np.ndarray:
-        """The physical rim over the radius. Raises ValueError for a derivative, and for harmonics of
-        a rim with corners."""
+        """The physical rim over the radius. Raises ValueError for a derivative, and for harmonics
+        of a rim with corners."""
         share = np.asarray(phi) / (2.0 * np.pi)
         place = self.outline.place(share)
         if derivative or (self.harmonics and len(self.outline.corners)):

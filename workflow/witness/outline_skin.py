@@ -228,9 +228,9 @@ class Body(elements.Body):
     ):
         super().__init__(shape, deg, width_mm, clearance_mm, fineness)
 
-    def _drawn_rim(self) -> tuple[Curve, Sizes]:
+    def _drawn_rim(self, centre: np.ndarray, half: np.ndarray) -> tuple[Curve, Sizes]:
         shape, fine, outline = self.shape, self.fineness, self.shape.outline
-        spans = np.column_stack([self.starts, self.stops])
+        spans = np.column_stack([centre - half, centre + half])
         points, sides = zip(*_rim_sizes(outline, shape.rim, spans, fine), strict=True)
         sizes = Sizes(np.concatenate(points), np.concatenate(sides), fine.max_size, fine.slope)
         fixed = np.concatenate([spans.ravel(), _corner_angles(outline)])

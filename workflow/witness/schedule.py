@@ -29,9 +29,9 @@ class Keep:
 
     def allows(self, x: float, y: float, radius: float) -> bool:
         """Whether a touch is allowed at a place."""
-        if self.outline is not None:
-            if self.outline.depth(complex(x, y)) < radius + self.off_rim_mm:
-                return False
+        room_mm = np.inf if self.outline is None else self.outline.depth(complex(x, y))
+        if room_mm < radius + self.off_rim_mm:
+            return False
         for a, b, disc_radius in self.discs:
             centre_distance = float(np.hypot(x - a, y - b))
             gap = centre_distance - disc_radius - radius
