@@ -456,9 +456,10 @@ def _kept_clear(
     if outline is not None:
         while outline.depth(complex(x, y)) < reach + OFF_RIM_MM:
             x, y, reach = _free_disc(rng, radius_mm, 6.0, 13.0)
-        crossed = "conductivity-patch" in names and "indenter-grounding" not in names
-        discs = (((x, y, reach),), NO_TANGENT_MM, True) if crossed else ()
-        return (x, y, reach), Keep(*discs, outline=outline, off_rim_mm=OFF_RIM_MM)
+        keep = Keep(outline=outline, off_rim_mm=OFF_RIM_MM)
+        if "conductivity-patch" in names:
+            keep = replace(keep, discs=((x, y, reach),), apart_mm=NO_TANGENT_MM, crossed=True)
+        return (x, y, reach), keep
     clear = law is not None and LAWS[law].keeps_clear
     free = (x, y, CLEAR_MM if clear else reach)
     if blinding is not None:

@@ -68,8 +68,10 @@ def _boundary(drawing: Drawing) -> boundary.Body | DeepBody:
 def _elements(drawing: Drawing) -> elements.Body:
     if drawing.depth is not None:
         raise ValueError("triangles are those of a sheet")
-    make = outline_skin.Body if isinstance(drawing.shape, OutlineShape) else elements.Body
-    return make(drawing.shape, drawing.deg, drawing.width_mm, drawing.clearance_mm)
+    shape, electrodes = drawing.shape, (drawing.deg, drawing.width_mm)
+    if isinstance(shape, OutlineShape):
+        return outline_skin.Body(shape, *electrodes, drawing.clearance_mm)
+    return elements.Body(shape, *electrodes, drawing.clearance_mm)
 
 
 def _disc(drawing: Drawing) -> disc.Body:
