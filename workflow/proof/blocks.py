@@ -8,6 +8,7 @@ snakemake --cores 2 calibrate_diagnosis --config "calibration={block: controls-r
 
 from eitskin.errors import InputError
 from witness import controls
+from witness.cases import ON_OUTLINES
 from witness.outside import OUTSIDE
 from witness.owned import KINDS
 from witness.strengths import DRAWN
@@ -30,6 +31,8 @@ FIRST_SEED = {
     "owners-report": 600_001,
     "controls-development": 1,
     "controls-report": 500_001,
+    "outlines-development": 1,
+    "outlines-report": 650_001,
 }
 SIZES = {
     "quick": {"null": 60, "single": 4, "pair": 24, "triple": 16, "outside": 36},
@@ -42,6 +45,10 @@ ORDINARY_SIZES = {
 ALIEN_SIZES = {
     "quick": {"null": 20, "single": 1, "pair": 4, "triple": 0, "outside": 6},
     "full": {"null": 300, "single": 4, "pair": 40, "triple": 0, "outside": 60},
+}
+OUTLINE_SIZES = {  # half of them by rigs with errors of their own
+    "quick": {"null": 16, "single": 1},
+    "full": {"null": 60, "single": 2},
 }
 P_VALUE_SIZES = {"quick": {"skin": 8}, "full": {"skin": 40}}  # each recorded many times
 QUERY_SIZES = {  # kinds of `queries.draw`
@@ -119,6 +126,7 @@ def trials(block: str, size: str) -> list[Trial]:
     with ordinary- before it, the same skins recorded by rigs with errors of their own; with alien-,
     by rigs with errors in forms that nobody modelled, those of the block alien-sealed with sealed
     ones, on which nobody tunes; with
+    outlines- before it, skins that are no discs, half of them by rigs with errors; with
     p-values- before it, skins, of kind "skin", for `nulls.trial`; with queries-, recordings of any
     sort, of kinds that `queries.draw` knows; with owners-, of kinds that `owned.draw` does; with
     controls-, of those of `controls.draw`. size: a
@@ -141,6 +149,9 @@ def trials(block: str, size: str) -> list[Trial]:
         return _mixed(_each({f"control:{kind}": n for kind, n in numbers.items()}, start))
     if block.startswith("ordinary-"):
         return [(f"{kind}+rig", seed) for kind, seed in _drawn(ORDINARY_SIZES[size], start)]
+    if block.startswith("outlines-"):
+        plan = _mixed(_outlines(OUTLINE_SIZES[size], start))
+        return [(f"{kind}{('+outline', '+outline+rig')[seed % 2]}", seed) for kind, seed in plan]
     if block.startswith("alien-"):
         word = "sealed" if block == "alien-sealed" else "alien"
         return [(f"{kind}+{word}", seed) for kind, seed in _drawn(ALIEN_SIZES[size], start)]
@@ -159,6 +170,16 @@ def _drawn(number: dict[str, int], start: int) -> list[Trial]:
     turns = [divmod(i, len(laws)) for i in range(number["outside"])]
     groups.append([(f"outside:{laws[law]}", start + turn) for turn, law in turns])
     return _mixed(groups)
+
+
+def _outlines(number: dict[str, int], start: int) -> list[list[Trial]]:
+    """Nulls, and singles of every name that outlines have, odd and even seeds by turns."""
+    singles = [
+        (f"single:{name}", start + i + turn % 2)
+        for i in range(number["single"])
+        for turn, name in enumerate(ON_OUTLINES)
+    ]
+    return [*_each({"null": number["null"]}, start), singles]
 
 
 def _mixed(groups: list[list[Trial]]) -> list[Trial]:

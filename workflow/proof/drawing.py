@@ -12,6 +12,7 @@ from witness import cases, controls, owned
 from witness.generators import GENERATORS
 
 DEFAULT_GENERATOR = "boundary"
+OUTLINE_GENERATOR = "elements"
 CONTROL_GENERATORS = ("boundary", "disc")  # by turns; both solve noise of 0.01 %
 OTHER_GENERATOR = 3  # every third recording, of those by rigs with errors in other forms
 
@@ -40,10 +41,12 @@ def draw(kind: str, seed: int, **options: Any) -> Any:
 def generator(kind: str, seed: int) -> str:
     """The solver of a case, of `witness.generators.GENERATORS`: the default one; with +alien or
     +sealed, of every third case one of the others that can solve its kind, in turn; of control:…,
-    of CONTROL_GENERATORS one of each two seeds."""
+    of CONTROL_GENERATORS one of each two seeds; on outlines OUTLINE_GENERATOR."""
     if kind.startswith("control:"):
         return CONTROL_GENERATORS[seed % len(CONTROL_GENERATORS)]
     plain, _, rig = kind.partition("+")
+    if rig.partition("+")[0] == cases.OUTLINE:
+        return OUTLINE_GENERATOR
     if rig.partition(":")[0] not in ("alien", "sealed"):
         return DEFAULT_GENERATOR
     turn, rest = divmod(zlib.crc32(plain.encode()) + seed, OTHER_GENERATOR)

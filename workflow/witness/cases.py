@@ -3,6 +3,7 @@
     draw("single:contact-impedance", 7), draw("null", 1), draw("pair", 3), draw("outside:palm", 2),
     draw("null", 1, generator="elements"), draw("pair+rig", 3), draw("null+rig:spikes", 1),
     draw("pair+alien", 3), draw("null+alien:gain-steps", 1), draw("null+sealed", 1)
+    draw("null+outline", 1, generator="elements"), draw("null+outline+rig", 1, generator="elements")
 
 Sixteen electrodes, adjacent drives and pairs; `draw` lists the random quantities. Equal kinds and
 seeds give the same case bit for bit.
@@ -21,13 +22,16 @@ import pandas as pd
 from eitskin.atomic import atomic_path
 from eitskin.data import recording
 from eitskin.errors import InputError
+from eitskin.physics.outline import as_stated
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
 from witness import alien_errors, outside, rig_errors, strengths
 from witness.alien_errors import AlienError
 from witness.generators import GENERATORS, LAWS, Generator
+from witness.outline_cases import CONCEALING, SMOOTH, sized_outline, spread
+from witness.outlines import Outline
 from witness.rig_errors import USUAL, RigError
-from witness.schedule import Keep, query_frames, recording_frames
+from witness.schedule import REACH, Keep, query_frames, recording_frames
 from witness.world import World
 
 N_ELECTRODES = 16
@@ -43,6 +47,8 @@ RIG_KINDS: dict[str, Collection[str]] = {
 SINGLE_SNR, SET_SNR, OUTSIDE_SNR = (10.0, 60.0), (15.0, 80.0), (20.0, 100.0)
 CLEAR_MM = 8.0  # radius of the untouched disc of laws that act in one
 UNREACHABLE_SNR = 1e12  # above that of any strength
+OFF_RIM_MM = 4.0  # of touches and patches on outlines
+OUTLINE_FRAMES = 60  # of a recording there, where every place has a mesh of its own
 APART_MM, NO_TANGENT_MM = 1.5, 0.5  # from an edge to that of any touch; where they may cross
 # Two of a group cannot be solved by the witness, not in reasonable time, or are one effect.
 INCOMPATIBLE = (
@@ -64,6 +70,9 @@ INCOMPATIBLE = (
 )
 # A law by its strength, a unit of strength, the largest strength; unit None: the largest alone.
 Maker = tuple[Callable[[float], dict | outside.Outside], float | None, float]
+DISCS_ALONE = ("third-dimension", "conductivity-gradient")  # laws that outlines do not have
+ON_OUTLINES = tuple(name for name in strengths.DRAWN if name not in DISCS_ALONE)
+OUTLINE = "outline"  # the word after + in the kind of a case
 NEEDS = {"contact-impedance": "contact_impedivity_ohm_m2", "touch-contrast": "contrast_per_N"}
 
 
@@ -157,7 +166,7 @@ class _Shown:
 class _Bench:
     """A skin and its frames before anything is concealed. skin: with its true values except for the
     conductivity; free: a disc (x, y, radius), mm, in which a law may act; grounded: whether the
-    source's sink is; the other fields as in `Case`."""
+    source's sink is; outline: of a skin that is no disc; the other fields as in `Case`."""
 
     skin: Skin
     true: Skin
@@ -168,10 +177,18 @@ class _Bench:
     channels: np.ndarray
     states: pd.DataFrame
     query: pd.DataFrame
+    outline: Outline | None = None
 
     def world(self, generator: str) -> World:
         """The world of the true skin."""
-        return World(self.true, self.channels, self.frame_s, self.grounded, generator=generator)
+        return World(
+            self.true,
+            self.channels,
+            self.frame_s,
+            self.grounded,
+            generator=generator,
+            outline=self.outline,
+        )
 
     def scene(self, untouched_V: np.ndarray) -> strengths.Scene:
         """The scene of effects, with readings (M,) V of the untouched skin."""
@@ -239,6 +256,24 @@ def _draw_skin(rng: np.random.Generator) -> Skin:
         current_A=log_uniform(rng, 1e-4, 5e-3),
         contrast_per_N=between(0.2, 1.0, 3),
     )
+
+
+def _outline_name(kind: str, seed: int, names: list[str], law: str | None) -> str:
+    """The outline of a case; in turn those that the witness can solve with its effects."""
+    if law is not None or not set(names) <= set(ON_OUTLINES):
+        raise InputError("case", f"{OUTLINE} of {kind}", kind, ", ".join(ON_OUTLINES))
+    choice = SMOOTH if "domain-shape" in names else CONCEALING
+    return choice[(zlib.crc32(kind.encode()) + seed) % len(choice)]
+
+
+def _laid_out(skin: Skin, outline_name: str) -> tuple[Skin, Outline]:
+    """A disc's skin on an outline of its area, electrodes far from corners; radius and angles are
+    the outline's length over 2 pi and shares of it."""
+    assert skin.radius_mm is not None and skin.electrode_width_mm is not None
+    outline, stated = sized_outline(outline_name, skin.radius_mm)
+    share = spread(outline, N_ELECTRODES, skin.electrode_width_mm)
+    deg = tuple((360.0 * share).tolist())
+    return replace(skin, radius_mm=outline.unit_mm, electrode_deg=deg, outline=stated), outline
 
 
 def _deepened(rng: np.random.Generator, skin: Skin) -> Skin:
@@ -333,8 +368,10 @@ def draw(
     """One case. kind: null, single:<name>, pair, triple or outside:<law>; or any word, where the
     `names` of its effects are given; with +rig, the same case recorded by a rig with errors, or
     with +rig:<kind>,<kind> with these; +alien and +sealed: likewise with errors of `alien_errors`,
-    a null's noise then being 0.01 % to 1 %. generator: the solver of the stored readings, of
-    `generators.GENERATORS`; strengths are determined with the boundary where it can solve the law.
+    a null's noise then being 0.01 % to 1 %; with +outline, before these, OUTLINE_FRAMES of a skin
+    of one of `outline_cases.CONCEALING`, in turn, by the generator elements. generator: the solver
+    of the stored readings, of `generators.GENERATORS`; strengths are determined with the boundary
+    where it can solve the law.
 
     Skin: radius 50 to 90 mm, thickness 2 to 4 mm (10 to 25 as a body), contacts 4 to 9 mm wide
     of 5e-4 to 1e-2 ohm m2, conductivity up to 15 % off; 100 to 150 frames, or `frames`; noise
@@ -342,20 +379,26 @@ def draw(
     outside the catalogue; where no physical strength reaches it, the noise is reduced, to no less
     than 0.03 % or the generator's least. share: of the largest physical strengths, in place of an
     SNR; levels, snr: other ranges of the noise over the median |v| and of the SNR. Raises
-    InputError for an unknown kind, one that the generator cannot solve, or a `share` of a strength
-    that is drawn.
+    InputError for an unknown kind, one that the generator cannot solve or an outline does not have,
+    or a `share` of a strength that is drawn.
     """
     full_kind, (kind, _, rig) = kind, kind.partition("+")
     rng = np.random.default_rng([zlib.crc32(kind.encode()), seed])
     names, law = names_of(kind, rng, generator) if names is None else (names, None)
+    outline_name = None
+    if rig.partition("+")[0] == OUTLINE:
+        outline_name, rig = _outline_name(kind, seed, names, law), rig.partition("+")[2]
     word = rig.partition(":")[0]
     if levels is None:
         levels = (LEAST_LEVEL, MOST_LEVEL) if blinding is None else blinding.levels
         if word in ("alien", "sealed") and blinding is None and not names and law is None:
             levels = ALIEN_LEVELS
     band = snr or (OUTSIDE_SNR if law else SINGLE_SNR if len(names) < 2 else SET_SNR)
-    bench = _bench(rng, names, law, frames, blinding)
-    searched = generator if law in outside.OUTSIDE_SOLID else "boundary"
+    if outline_name is not None:
+        frames = frames or OUTLINE_FRAMES
+    bench = _bench(rng, names, law, frames, blinding, outline_name)
+    is_boundary_able = law not in outside.OUTSIDE_SOLID and outline_name is None
+    searched = "boundary" if is_boundary_able else generator
     shown = _Shown(bench.world(searched), bench.states)
     floor = max(levels[0], GENERATORS[generator].least_level)
     concealed = _concealed(rng, bench, shown, _Goal(names, law, share, band), levels, floor)
@@ -371,9 +414,12 @@ def _bench(
     law: str | None,
     frames: int | None,
     blinding: Blinding | None,
+    outline_name: str | None = None,
 ) -> _Bench:
     """A skin and its frames, suited to the effects and the law outside the catalogue."""
-    skin = _draw_skin(rng)
+    skin, outline = _draw_skin(rng), None
+    if outline_name is not None:
+        skin, outline = _laid_out(skin, outline_name)
     deep = "third-dimension" in names or (blinding is not None and blinding.deep)
     if deep:
         skin = _deepened(rng, skin)
@@ -385,13 +431,16 @@ def _bench(
     true = replace(skin, conductivity_S_per_m=float(skin.conductivity_S_per_m * conductivity_ratio))
     frame_s = round(float(rng.uniform(0.2, 0.4)), 3)
     grounded = "indenter-grounding" in names or ("ground-leak" in names and rng.uniform() < 0.5)
-    free, keep = _kept_clear(rng, skin.radius_mm, names, law, blinding)
-    states = recording_frames(rng, skin.radius_mm, frame_s, keep, frames)
+    radius_mm = skin.radius_mm
+    if outline is not None:
+        radius_mm = float(np.abs(outline.samples).max()) / REACH
+    free, keep = _kept_clear(rng, radius_mm, names, law, blinding, outline)
+    states = recording_frames(rng, radius_mm, frame_s, keep, frames)
     number = None if blinding is None else blinding.query_frames
-    query = query_frames(rng, states, skin.radius_mm, frame_s, keep, number)
+    query = query_frames(rng, states, radius_mm, frame_s, keep, number)
     channels = channel_table(N_ELECTRODES)
     grounded = grounded or blinding is not None
-    return _Bench(skin, true, believed, frame_s, grounded, free, channels, states, query)
+    return _Bench(skin, true, believed, frame_s, grounded, free, channels, states, query, outline)
 
 
 def _kept_clear(
@@ -400,9 +449,17 @@ def _kept_clear(
     names: list[str],
     law: str | None,
     blinding: Blinding | None,
+    outline: Outline | None = None,
 ) -> tuple[tuple[float, float, float], Keep]:
     """A disc (x, y, radius), mm, in which a law may act, and the places that touches avoid."""
     x, y, reach = _free_disc(rng, radius_mm, 6.0, 13.0)
+    if outline is not None:
+        while outline.depth(complex(x, y)) < reach + OFF_RIM_MM:
+            x, y, reach = _free_disc(rng, radius_mm, 6.0, 13.0)
+        keep = Keep(outline=outline, off_rim_mm=OFF_RIM_MM)
+        if "conductivity-patch" in names:
+            keep = replace(keep, discs=((x, y, reach),), apart_mm=NO_TANGENT_MM, crossed=True)
+        return (x, y, reach), keep
     clear = law is not None and LAWS[law].keeps_clear
     free = (x, y, CLEAR_MM if clear else reach)
     if blinding is not None:
@@ -540,7 +597,7 @@ def _noiseless(bench: _Bench, shown: _Shown, concealed: _Concealed, generator: s
         world = bench.world(generator)
         clean = world.readings(states, effects, concealed.hidden)
     largest = float(states["force_N"].max())
-    metadata = owners_metadata(bench.channels, bench.frame_s, bench.believed)
+    metadata = owners_metadata(bench.channels, bench.frame_s, as_stated(bench.believed))
     metadata["source_reference"] = "sink-grounded" if bench.grounded else "floating"
     return Case(
         kind="",

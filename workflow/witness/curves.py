@@ -12,6 +12,7 @@ import numpy as np
 
 from witness.arc import panel_nodes
 from witness.medium import Medium, Plane
+from witness.outlines import Outline
 
 PANEL_MODES = 40  # waves that panels resolve
 PANEL_NODES = 8  # Gauss nodes of a panel
@@ -55,6 +56,28 @@ class Shape:
         """The gradient of the relative conductivity in unfolded coordinates."""
         ratio, angle = self.anisotropy
         return complex(Shape(1.0, anisotropy=(1.0 / ratio, angle)).unfold(0.5 * self.tilt))
+
+
+@dataclass(frozen=True)
+class OutlineShape(Shape):
+    """The shape of a skin with an outline: angles are shares of its length, radius_mm is that over
+    2 pi. Harmonics move the rim along its normal, by sqrt(area / pi) where they are 1; none are of
+    a rim with corners."""
+
+    outline: Outline = field(kw_only=True)
+
+    def rim(self, phi: np.ndarray, derivative: int = 0) -> np.ndarray:
+        """The physical rim over the radius. Raises ValueError for a derivative, and for harmonics
+        of a rim with corners."""
+        share = np.asarray(phi) / (2.0 * np.pi)
+        place = self.outline.place(share)
+        if derivative or (self.harmonics and len(self.outline.corners)):
+            raise ValueError("derivatives of an outline, or harmonics of one with corners")
+        waves = (np.conj(a) * np.exp(1j * k * phi) for k, a in self.harmonics.items())
+        if self.harmonics:
+            size = np.sqrt(self.outline.area_mm2 / np.pi)
+            place = place + size * sum(wave.real for wave in waves) * self.outline.normal(share)
+        return place / self.radius_mm
 
 
 @dataclass(frozen=True)

@@ -243,9 +243,16 @@ class Body:
         half = np.asarray(width_mm, float) / (2.0 * shape.radius_mm)
         centre = np.radians(deg)
         self.starts, self.stops = centre - half, centre + half
+        self.rim, self.sizes = self._drawn_rim(centre, half)
+        mesh = triangulate([self.rim], self.sizes)
+        self.start = mesh.place[len(mesh.nodes[0]) - 1 :]
+        self.empty = mesh
+
+    def _drawn_rim(self, centre: np.ndarray, half: np.ndarray) -> tuple[Curve, Sizes]:
+        """The rim, with nodes at the ends of electrodes, centre +- half (n,) in radians, and the
+        wanted sides along it."""
+        shape, fine = self.shape, self.fineness
         ends = np.concatenate([self.starts, self.stops])
-        self.rim = Curve(shape.rim, lambda phi: np.abs(shape.rim(phi, 1)), ends)
-        fine = self.fineness
         rim_angles = 2.0 * np.pi * np.arange(256) / 256
         electrode_angles = (centre[:, None] + half[:, None] * np.linspace(-0.9, 0.9, 7)).ravel()
         points = np.concatenate(
@@ -258,10 +265,8 @@ class Body:
             np.full(len(rim_angles), rim),
             np.full(len(electrode_angles), fine.arc),
         ]
-        self.sizes = Sizes(points, np.concatenate(sides), fine.max_size, fine.slope)
-        mesh = triangulate([self.rim], self.sizes)
-        self.start = mesh.place[len(mesh.nodes[0]) - 1 :]
-        self.empty = mesh
+        curve = Curve(shape.rim, lambda phi: np.abs(shape.rim(phi, 1)), ends)
+        return curve, Sizes(points, np.concatenate(sides), fine.max_size, fine.slope)
 
     def contact(self, length: np.ndarray) -> np.ndarray:
         """The contacts closed: length (n,) = z sigma, in radii."""

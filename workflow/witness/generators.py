@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from witness import boundary, disc, elements, slab
+from witness import boundary, disc, elements, outline_skin, slab
 from witness.boundary import Resolution
-from witness.curves import Shape
+from witness.curves import OutlineShape, Shape
 from witness.deep import DeepBody, Depth
 from witness.outside import OUTSIDE, OUTSIDE_SOLID, Outside
 from witness.slab import Solid
@@ -68,7 +68,10 @@ def _boundary(drawing: Drawing) -> boundary.Body | DeepBody:
 def _elements(drawing: Drawing) -> elements.Body:
     if drawing.depth is not None:
         raise ValueError("triangles are those of a sheet")
-    return elements.Body(drawing.shape, drawing.deg, drawing.width_mm, drawing.clearance_mm)
+    shape, electrodes = drawing.shape, (drawing.deg, drawing.width_mm)
+    if isinstance(shape, OutlineShape):
+        return outline_skin.Body(shape, *electrodes, drawing.clearance_mm)
+    return elements.Body(shape, *electrodes, drawing.clearance_mm)
 
 
 def _disc(drawing: Drawing) -> disc.Body:

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from witness.curves import Shape
+from witness.curves import OutlineShape, Shape
+from witness.outlines import Outline
 
 SITES = ("electrodes", "drives", "measures", "channels")
 
@@ -109,8 +110,9 @@ def grounding(laws: list[dict], force: np.ndarray) -> np.ndarray:
 # ---- skin
 
 
-def outline(laws: list[dict], radius_mm: float) -> Shape:
-    """domain-shape, anisotropy, conductivity-gradient. Raises ValueError for two anisotropies."""
+def outline(laws: list[dict], radius_mm: float, curve: Outline | None = None) -> Shape:
+    """domain-shape, anisotropy, conductivity-gradient of a disc, or of the skin within a curve.
+    Raises ValueError for two anisotropies."""
     harmonics: dict[int, complex] = {}
     for p in named(laws, "domain-shape"):
         k = int(p["harmonic"])
@@ -124,16 +126,21 @@ def outline(laws: list[dict], radius_mm: float) -> Shape:
         p["relative_across"] * np.exp(1j * np.radians(p["angle_deg"]))
         for p in named(laws, "conductivity-gradient")
     )
+    if curve is not None:
+        return OutlineShape(radius_mm, harmonics, ratio, complex(tilt), outline=curve)
     return Shape(radius_mm, harmonics, ratio, complex(tilt))
 
 
 def electrodes(
-    laws: list[dict], deg: np.ndarray, width_mm: np.ndarray
+    laws: list[dict], deg: np.ndarray, width_mm: np.ndarray, radius_mm: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Angles and widths (n,): electrode-position, electrode-width."""
+    """Angles and widths (n,): electrode-position, along a rim of length 2 pi radius_mm by its angle
+    or by length, and electrode-width."""
     deg, width_mm = np.array(deg, float), np.array(width_mm, float)
-    for sites, shift in _at_sites(laws, "electrode-position", "shift_deg", len(deg)):
-        deg[sites] += shift
+    for key, unit_deg in (("shift_deg", 1.0), ("shift_mm", np.degrees(1.0 / radius_mm))):
+        stated = [law for law in laws if key in law.get("parameters", {})]
+        for sites, shift in _at_sites(stated, "electrode-position", key, len(deg)):
+            deg[sites] += unit_deg * shift
     for sites, width in _at_sites(laws, "electrode-width", "width_mm", len(deg)):
         width_mm[sites] = width
     return deg, width_mm

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from eitskin.physics.rim_curve import RimCurve
 from witness import outlines
 from witness.outline_skin import InnerElectrode, OutlineSkin, RimElectrode, Touch
 from witness.outlines import Outline
@@ -132,6 +133,10 @@ INSIDE: dict[str, tuple[str, int, list[tuple[float, float]]]] = {
     ),
 }
 NAMES = (*OUTLINES, *INSIDE)
+# Those on which effects are concealed, and those of them whose rim has no corners.
+CONCEALING = ("square", "rectangle 3:2", "L", "hexagon", "ellipse 2:1", "blob")
+SMOOTH = ("ellipse 2:1", "blob")
+DRAWN_POINTS = 400  # by which a rim without corners is stated
 
 
 @dataclass(frozen=True)
@@ -150,6 +155,27 @@ class OutlineCase:
         return OutlineSkin(
             self.outline, self.electrodes, CONDUCTIVITY_S_PER_M, THICKNESS_MM, **settings
         )
+
+
+def sized_outline(name: str, radius_mm: float) -> tuple[Outline, RimCurve]:
+    """One of `CONCEALING` with the area of a disc, the mean of its rim at the origin, lengths to
+    0.01 mm; and as its owner states it. Raises KeyError for another."""
+    definition, _ = OUTLINES[name]
+    unsized = BUILDERS[definition["kind"]](definition)
+    factor = radius_mm * np.sqrt(np.pi / unsized.area_mm2)
+    middle = unsized.place(np.arange(DRAWN_POINTS) / DRAWN_POINTS).mean()
+    sized = {"kind": definition["kind"]}
+    for key in ("corners_mm", "points_mm"):
+        if key in definition:
+            places = np.array(definition[key]) - [middle.real, middle.imag]
+            sized[key] = np.round(factor * places, 2).tolist()
+    if "half_axes_mm" in definition:
+        sized["half_axes_mm"] = np.round(factor * np.array(definition["half_axes_mm"]), 2).tolist()
+    outline = BUILDERS[definition["kind"]](sized)
+    if name not in SMOOTH:
+        return outline, RimCurve(tuple(map(tuple, sized["corners_mm"])))
+    points = outline.place(np.arange(DRAWN_POINTS) / DRAWN_POINTS)
+    return outline, RimCurve(tuple(zip(points.real, points.imag, strict=True)), smooth=True)
 
 
 def spread(outline: Outline, count: int, width_mm: float) -> np.ndarray:

@@ -7,7 +7,7 @@ circle meets the rim (`elements`, `triangles`). Lengths are in units of the peri
 that the rim's angle is its length.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,13 +15,15 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.sparse import csc_matrix
 
+from witness import elements
 from witness.boundary import Disc
-from witness.curves import Shape
+from witness.curves import OutlineShape, Shape
 from witness.elements import Domain, Fineness, circle, seen_from
-from witness.outlines import Outline
+from witness.outlines import Outline, to_polygon
 from witness.triangles import Curve, Sizes, triangulate, within
 
 FINE = Fineness(6, 1e-4, 0.025, 0.25, 0.25, 0.15, 5e-4, 0.7, 0.85)
+USUAL = Fineness(4, 1e-2, 0.1, 0.3, 0.5, 0.3, 2e-2, 0.7, 1.0)  # touches' changes to 2e-5
 CORNER = 1e-9  # the wanted side at a corner to twice the field's power, of its side's length
 LEAST_SIDE = 4e-7  # below a half of it, the triangulation's rounding shows
 SAMPLES = 2048  # of the rim, where distances and crossings are looked for
@@ -77,7 +79,7 @@ class OutlineSkin:
         half = np.array([e.width_mm for e in at_rim]) / (2.0 * unit)
         self.spans = np.column_stack([middle - half, middle + half])
         even = 2.0 * np.pi * np.arange(SAMPLES) / SAMPLES
-        self.samples = self.rim_place(np.union1d(even, _corner_angles(self)))
+        self.samples = self.rim_place(np.union1d(even, _corner_angles(outline)))
         for number, disc in enumerate(self.inner):
             centre, radius = self.round(disc)
             if not within(np.array([centre]), self.samples)[0] or (
@@ -153,7 +155,9 @@ def difference(
 def _crossings(skin: OutlineSkin, centre: complex, radius: float) -> np.ndarray:
     """Ascending angles of the rim, 0 to 2 pi, where a circle meets it."""
     phi = np.sort(
-        np.concatenate([2.0 * np.pi * np.arange(SAMPLES + 1) / SAMPLES, _corner_angles(skin)])
+        np.concatenate(
+            [2.0 * np.pi * np.arange(SAMPLES + 1) / SAMPLES, _corner_angles(skin.outline)]
+        )
     )
 
     def outside(x: float) -> float:
@@ -164,16 +168,8 @@ def _crossings(skin: OutlineSkin, centre: complex, radius: float) -> np.ndarray:
     return np.array([brentq(outside, phi[k], phi[k + 1], xtol=1e-15, rtol=1e-15) for k in at])
 
 
-def _corner_angles(skin: OutlineSkin) -> np.ndarray:
-    return 2.0 * np.pi * skin.outline.ends[skin.outline.corners]
-
-
-def _to_polygon(x: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """(N,): the distance of places x (N,) from a closed polygon's sides."""
-    side = np.roll(corners, -1) - corners
-    from_start = x[:, None] - corners
-    share = np.clip((np.conj(side) * from_start).real / np.abs(side) ** 2, 0.0, 1.0)
-    return np.abs(from_start - share * side).min(axis=1)
+def _corner_angles(outline: Outline) -> np.ndarray:
+    return 2.0 * np.pi * outline.ends[outline.corners]
 
 
 def _to_next(angles: np.ndarray) -> np.ndarray:
@@ -182,11 +178,16 @@ def _to_next(angles: np.ndarray) -> np.ndarray:
     return np.maximum(np.minimum(after, np.roll(after, 1)), LEAST_SIDE)
 
 
-def _rim_sizes(skin: OutlineSkin) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Places and wanted sides at them for the rim, its corners and its electrodes."""
-    fine, outline = skin.fineness, skin.outline
+def _rim_sizes(
+    outline: Outline,
+    rim_place: Callable[[np.ndarray], np.ndarray],
+    spans: np.ndarray,
+    fine: Fineness,
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Places and wanted sides at them for a rim at `rim_place` of its angle, for its corners and
+    its electrodes, of angles spans (E, 2)."""
     phi = 2.0 * np.pi * (np.arange(SAMPLES // 4) + 0.5) / (SAMPLES // 4)
-    place = skin.rim_place(phi)
+    place = rim_place(phi)
     bend = np.abs(outline.bend(phi / (2.0 * np.pi))) * outline.unit_mm
     # A side is a parabola, whose error grows with the curvature and with its change.
     change = np.abs(np.gradient(bend, phi))
@@ -196,20 +197,44 @@ def _rim_sizes(skin: OutlineSkin) -> list[tuple[np.ndarray, np.ndarray]]:
     length = np.abs(np.angle(np.exp(1j * (phi[:, None] - phi))))
     folded = np.where(length > 2.0 * distance, distance, np.inf).min(axis=1)
     rim = np.maximum(np.minimum(rim, fine.gap * folded), 0.01)
-    corner = _corner_angles(skin)
+    corner = _corner_angles(outline)
     power = np.minimum(np.pi / outline.angles[outline.corners], 2.0)
     lengths = np.diff(np.append(corner, corner[:1] + 2.0 * np.pi))
     shortest = np.minimum(lengths, np.roll(lengths, 1))
     coarse = fine.end / FINE.end
     corner_sides = np.maximum(shortest * (CORNER * coarse) ** (0.5 / power), LEAST_SIDE * coarse)
-    half = 0.5 * np.diff(skin.spans, axis=1)[:, 0]
-    under = (skin.spans.mean(axis=1)[:, None] + half[:, None] * np.linspace(-0.9, 0.9, 7)).ravel()
+    half = 0.5 * np.diff(spans, axis=1)[:, 0]
+    under = (spans.mean(axis=1)[:, None] + half[:, None] * np.linspace(-0.9, 0.9, 7)).ravel()
     return [
         (place, rim),
-        (skin.rim_place(corner), corner_sides),
-        (skin.rim_place(skin.spans.ravel()), np.repeat(fine.end * half, 2)),
-        (skin.rim_place(under), np.repeat(fine.arc * half, 7)),
+        (rim_place(corner), corner_sides),
+        (rim_place(spans.ravel()), np.repeat(fine.end * half, 2)),
+        (rim_place(under), np.repeat(fine.arc * half, 7)),
     ]
+
+
+class Body(elements.Body):
+    """`boundary.Body` of a sheet with an outline, its electrodes all on the rim."""
+
+    shape: OutlineShape
+
+    def __init__(
+        self,
+        shape: OutlineShape,
+        deg: np.ndarray,
+        width_mm: np.ndarray,
+        clearance_mm: float | None = None,
+        fineness: Fineness = USUAL,
+    ):
+        super().__init__(shape, deg, width_mm, clearance_mm, fineness)
+
+    def _drawn_rim(self, centre: np.ndarray, half: np.ndarray) -> tuple[Curve, Sizes]:
+        shape, fine, outline = self.shape, self.fineness, self.shape.outline
+        spans = np.column_stack([centre - half, centre + half])
+        points, sides = zip(*_rim_sizes(outline, shape.rim, spans, fine), strict=True)
+        sizes = Sizes(np.concatenate(points), np.concatenate(sides), fine.max_size, fine.slope)
+        fixed = np.concatenate([spans.ravel(), _corner_angles(outline)])
+        return Curve(shape.rim, lambda phi: np.ones(np.shape(phi)), fixed), sizes.reduced()
 
 
 class _Meshed:
@@ -223,7 +248,8 @@ class _Meshed:
         ends = [skin.spans.ravel(), 2.0 * np.pi * skin.outline.ends, *crossings]
         fixed = np.unique(np.concatenate(ends) % (2.0 * np.pi))
         rim = Curve(skin.rim_place, lambda phi: np.ones(np.shape(phi)), fixed)
-        sized, curves = [*_rim_sizes(skin), (skin.rim_place(fixed), _to_next(fixed))], [rim]
+        along_rim = _rim_sizes(skin.outline, skin.rim_place, skin.spans, skin.fineness)
+        sized, curves = [*along_rim, (skin.rim_place(fixed), _to_next(fixed))], [rim]
         for number, met in enumerate(crossings):
             arcs, sizes = self._circle(circles, number, met)
             curves, sized = curves + arcs, [*sized, *sizes]
@@ -282,7 +308,7 @@ class _Meshed:
         towards = step * 0.5 ** np.arange(12)
         angles = (crossings[:, None] + np.append(towards, -towards)).ravel()
         places = centre + radius * np.exp(1j * np.append(step * np.arange(96), angles))
-        gap = _to_polygon(places, skin.samples)
+        gap = to_polygon(places, skin.samples)
         for k, (middle, size) in enumerate(circles):
             if k != number:
                 gap = np.minimum(gap, np.abs(np.abs(places - middle) - size))

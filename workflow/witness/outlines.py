@@ -4,11 +4,15 @@ Complex places in mm by the share of the perimeter from the first corner, anticl
 """
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 from scipy.interpolate import CubicSpline
 
+from witness.triangles import COINCIDENT, within
+
+SAMPLES = 512  # of an outline, from which distances are measured
 Piece = Callable[[np.ndarray, int], np.ndarray]
 
 
@@ -18,8 +22,8 @@ class Outline:
     pieces: functions of t from 0 to 1 that return complex places in mm, or their derivative of an
     order, for (t, order); panels: the parts of every piece within which it is analytic and which
     resolve it. Attributes: perimeter_mm; ends (P,): the pieces' starts as shares of the perimeter;
-    angles (P,): the angles inside the skin at the pieces' starts, in radians. Raises ValueError for
-    a clockwise outline.
+    angles (P,): the angles inside the skin at the pieces' starts, in radians; area_mm2. Raises
+    ValueError for a clockwise outline.
     """
 
     def __init__(self, pieces: Sequence[Piece], panels: int = 1):
@@ -38,7 +42,7 @@ class Outline:
             start = float(length[-1])
         if area <= 0.0:
             raise ValueError("an outline goes anticlockwise")
-        self.perimeter_mm = start
+        self.perimeter_mm, self.area_mm2 = start, area / panels
         self.ends = np.array([length[0] for length in self._tables]) / start
         out = np.array([piece(np.zeros(1), 1)[0] for piece in self.pieces])
         back = np.roll([piece(np.ones(1), 1)[0] for piece in self.pieces], 1)
@@ -82,10 +86,34 @@ class Outline:
         """Complex places in mm at shares of the perimeter, of any shape."""
         return self._along(share, 0)
 
+    def normal(self, share: np.ndarray) -> np.ndarray:
+        """Outward unit normals, complex, at shares of the perimeter."""
+        rise = self._along(share, 1)
+        return -1j * rise / np.abs(rise)
+
+    @cached_property
+    def samples(self) -> np.ndarray:
+        """(S,) complex, mm: the corners of a polygon close to the outline."""
+        share = np.sort(np.append(np.arange(SAMPLES) / SAMPLES, self.ends[self.corners]))
+        return self.place(share[np.diff(share, append=1.0) > COINCIDENT])
+
+    def depth(self, place: complex) -> float:
+        """The distance in mm of a place from the outline, less than 0 outside."""
+        distance = float(to_polygon(np.array([place]), self.samples)[0])
+        return distance if within(np.array([place]), self.samples)[0] else -distance
+
     def bend(self, share: np.ndarray) -> np.ndarray:
         """The curvature in 1 / mm at shares of the perimeter."""
         rise, second = self._along(share, 1), self._along(share, 2)
         return (np.conj(rise) * second).imag / np.abs(rise) ** 3
+
+
+def to_polygon(x: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """(N,): the distance of places x (N,) from a closed polygon's sides."""
+    side = np.roll(corners, -1) - corners
+    from_start = x[:, None] - corners
+    share = np.clip((np.conj(side) * from_start).real / np.abs(side) ** 2, 0.0, 1.0)
+    return np.abs(from_start - share * side).min(axis=1)
 
 
 def _side(start: complex, stop: complex) -> Piece:

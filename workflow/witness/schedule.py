@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from eitskin.data.recording import frames_table
+from witness.outlines import Outline
 
 REACH = 0.93  # discs lie within this share of the radius: clear of the electrodes
 PROBES_MM = (7.0, 10.0, 15.0)  # diameters of usual probes
@@ -15,16 +16,22 @@ OTHER_PROBE_MM = 12.0  # between them, for a query's press with another probe
 @dataclass(frozen=True)
 class Keep:
     """Discs (x, y, radius), mm, with edges at least `apart_mm` from the edge of every touch.
-    crossed: edges may cross but are not that close to tangent; clear: no touch lies within a disc.
+    crossed: edges may cross but are not that close to tangent; clear: no touch lies within a disc;
+    outline: of a skin on which every touch lies, its edge at least `off_rim_mm` from the rim.
     """
 
     discs: tuple[tuple[float, float, float], ...] = ()
     apart_mm: float = 1.5
     crossed: bool = False
     clear: bool = False
+    outline: Outline | None = None
+    off_rim_mm: float = 0.0
 
     def allows(self, x: float, y: float, radius: float) -> bool:
         """Whether a touch is allowed at a place."""
+        room_mm = np.inf if self.outline is None else self.outline.depth(complex(x, y))
+        if room_mm < radius + self.off_rim_mm:
+            return False
         for a, b, disc_radius in self.discs:
             centre_distance = float(np.hypot(x - a, y - b))
             gap = centre_distance - disc_radius - radius

@@ -239,6 +239,17 @@ def _offset(rng: np.random.Generator, scene: Scene) -> Strength:
     return _Sited("offset", kind, "volt", 0.05, 3.0, lambda x, s: x * median, False)(rng, scene)
 
 
+def _position(rng: np.random.Generator, scene: Scene) -> Strength:
+    key, per_deg = "shift_deg", 1.0
+    if scene.skin.rim is not None:
+        assert scene.skin.radius_mm is not None
+        key, per_deg = "shift_mm", float(np.radians(scene.skin.radius_mm))
+    draw = _Sited(
+        "electrode-position", "electrodes", key, 0.3, 5.0, lambda x, s: per_deg * x, False
+    )
+    return draw(rng, scene)
+
+
 def _width(x: float, scene: Scene) -> float:
     assert scene.skin.electrode_width_mm is not None
     return scene.skin.electrode_width_mm * (1.0 + x)
@@ -249,9 +260,7 @@ DRAWN: dict[str, Drawer] = {
         "contact-impedance", "electrodes", "ratio", 0.3, 1.6, lambda x, s: np.exp(x), True
     ),
     "electrode-width": _Sited("electrode-width", "electrodes", "width_mm", 0.1, 0.6, _width, True),
-    "electrode-position": _Sited(
-        "electrode-position", "electrodes", "shift_deg", 0.3, 5.0, lambda x, s: x, False
-    ),
+    "electrode-position": _position,
     "electrode-open": _fixed("electrode-open", 1),
     "electrode-swap": _fixed("electrode-swap", 2),
     "domain-shape": _plain("domain-shape", 0.01, 0.12, _shape, signed=False),

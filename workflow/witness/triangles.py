@@ -61,6 +61,16 @@ class Sizes:
     max_size: float
     slope: float = SLOPE
 
+    def reduced(self) -> "Sizes":
+        """The same sizes everywhere, without points at which another asks for as short a side."""
+        chosen: list[int] = []
+        for k in np.argsort(self.sides, kind="stable"):
+            apart = np.abs(self.points[chosen] - self.points[k])
+            shortest = (self.sides[chosen] + self.slope * apart).min(initial=self.max_size)
+            if self.sides[k] < shortest:
+                chosen.append(int(k))
+        return Sizes(self.points[chosen], self.sides[chosen], self.max_size, self.slope)
+
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """The wanted side at places x."""
         sides = np.full(x.shape, self.max_size)

@@ -13,6 +13,7 @@ from witness.boundary import Disc, Radial, Resolution
 from witness.curves import Shape
 from witness.deep import Depth
 from witness.generators import GENERATORS, AnyBody, Drawing
+from witness.outlines import Outline
 from witness.outside import Outside, Touches
 from witness.press import Press
 from witness.slab import Solid
@@ -28,7 +29,8 @@ class World:
     """A skin with its true values and a solver; the latest solved bodies are cached.
 
     channels (M, 4); frame_s: a frame's duration; sink_grounded: whether the source's sink is tied
-    to ground; resolution: the boundary's; generator: the solver, of `generators.GENERATORS`.
+    to ground; resolution: the boundary's; generator: the solver, of `generators.GENERATORS`;
+    outline: of a skin that is no disc, whose radius is then its length over 2 pi.
     """
 
     def __init__(
@@ -39,10 +41,12 @@ class World:
         sink_grounded: bool = False,
         resolution: Resolution | None = None,
         generator: str = "boundary",
+        outline: Outline | None = None,
     ):
         self.generator = GENERATORS[generator]
         self.skin, self.channels, self.frame_s = skin, channels, frame_s
         self.sink_grounded, self.resolution = sink_grounded, resolution or Resolution()
+        self.outline = outline
         self._bodies: OrderedDict = OrderedDict()
         self.drives, self.drive = np.unique(channels[:, :2], axis=0, return_inverse=True)
 
@@ -136,7 +140,7 @@ class World:
         radius = 0.5 * states["probe_mm"].to_numpy(float) * catalogue.radius_factor(laws, force)
         minutes = states["time_s"].to_numpy(float) / 60.0
         deg, _ = self.electrodes(laws)
-        rim = skin.radius_mm * catalogue.outline(laws, skin.radius_mm).rim(np.radians(deg))
+        rim = skin.radius_mm * self._shape(laws).rim(np.radians(deg))
         z = catalogue.impedivity(
             laws,
             np.full(len(deg), skin.contact_impedivity_ohm_m2),
@@ -150,8 +154,14 @@ class World:
 
     def electrodes(self, laws: list[dict]) -> tuple[np.ndarray, np.ndarray]:
         """The true angles, degrees, and widths, mm, of the electrodes (n,)."""
-        deg = np.array(self.skin.electrode_deg)
-        return catalogue.electrodes(laws, deg, np.full(len(deg), self.skin.electrode_width_mm))
+        deg, radius = np.array(self.skin.electrode_deg), self.skin.radius_mm
+        assert radius is not None
+        width_mm = np.full(len(deg), self.skin.electrode_width_mm)
+        return catalogue.electrodes(laws, deg, width_mm, radius)
+
+    def _shape(self, laws: list[dict]) -> Shape:
+        assert self.skin.radius_mm is not None
+        return catalogue.outline(laws, self.skin.radius_mm, self.outline)
 
     def _depth(self, laws: list[dict], dent: float) -> Depth | Solid | None:
         """The body of third-dimension, or None for a sheet. Raises ValueError for that law with a
@@ -174,7 +184,7 @@ class World:
         """(R, n, n) S: the admittance of the skin in every row."""
         skin = self.skin
         assert skin.radius_mm is not None
-        shape = catalogue.outline(laws, skin.radius_mm)
+        shape = self._shape(laws)
         deg, width = self.electrodes(laws)
         always = [(Disc(*patch[:3]), patch[3]) for patch in catalogue.patches(laws)]
         row_inclusions = [self._inclusions(rows, row) + always for row in range(len(rows.touched))]

@@ -10,6 +10,7 @@ from proof.blocks import (
     ALIEN_SIZES,
     CONTROL_SIZES,
     FIRST_SEED,
+    OUTLINE_SIZES,
     OWNER_SIZES,
     P_VALUE_SIZES,
     QUERY_SIZES,
@@ -22,7 +23,7 @@ from proof.blocks import (
     trials,
 )
 from witness import controls, owned
-from witness.cases import names_of
+from witness.cases import ON_OUTLINES, names_of
 from witness.generators import GENERATORS
 from witness.outside import OUTSIDE
 from witness.strengths import DRAWN
@@ -152,6 +153,19 @@ def test_controls_are_of_every_kind_by_two_solvers_in_turn(size, number):
     assert whites == dict.fromkeys(("boundary", "disc"), whites.total() / 2)
 
 
+@pytest.mark.parametrize("size", OUTLINE_SIZES)
+def test_outlines_are_of_every_name_and_half_by_rigs_with_errors(size):
+    plan, number = trials("outlines-report", size), OUTLINE_SIZES[size]
+    assert len(set(plan)) == len(plan) == number["null"] + number["single"] * len(ON_OUTLINES)
+    words = Counter(kind.partition("+")[2] for kind, _ in plan)
+    assert set(words) == {"outline", "outline+rig"} and abs(words["outline"] - len(plan) / 2) <= 1
+    names = Counter(kind.partition("+")[0] for kind, _ in plan)
+    assert names.pop("null") == number["null"]
+    assert names == {f"single:{name}": number["single"] for name in ON_OUTLINES}
+    assert not {s for _, s in plan} & {s for _, s in trials("outlines-development", size)}
+    assert {drawing.generator(*one) for one in plan} == {"elements"}
+
+
 @pytest.mark.parametrize("block", FIRST_SEED)
 def test_a_smaller_size_is_part_of_the_larger(block):
     assert set(trials(block, "quick")) <= set(trials(block, "full"))
@@ -172,6 +186,7 @@ def test_a_sort_of_block_has_tables_of_its_own():
     [
         ("ordinary-report", "trial"),
         ("alien-sealed", "trial"),
+        ("outlines-report", "trial"),
         ("p-values-report", "skin"),
         ("queries-report", "query_trial"),
         ("owners-report", "owner_trial"),

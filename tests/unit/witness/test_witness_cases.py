@@ -10,7 +10,7 @@ import pytest
 from eitskin.data import recording
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
-from witness.cases import again, draw, names_of, signature, write
+from witness.cases import OFF_RIM_MM, again, draw, names_of, signature, write
 from witness.outside import OUTSIDE, Scene
 from witness.strengths import DRAWN
 from witness.world import World
@@ -122,6 +122,30 @@ def test_every_outside_law_starts_from_nothing(null):
 def test_refuses_unknown_kinds(kind):
     with pytest.raises(InputError, match="kind"):
         names_of(kind, np.random.default_rng(0))
+
+
+def test_a_case_on_an_outline_is_one_on_it_touches_and_all():
+    case = draw("single:electrode-position+outline+rig:gain-walk", 2, 20, "elements")
+    skin = case.recorded.skin
+    assert skin.rim is not None and skin.radius_mm is None and skin.electrode_deg is None
+    recording.validate(case.recorded, "case")
+    places = np.concatenate([table["x_mm"] + 1j * table["y_mm"] for table in (case.true_states,)])
+    radius = 0.5 * case.true_states["probe_mm"].to_numpy()
+    touched = case.true_states["touch"].to_numpy(bool)
+    assert (skin.rim.depth(places[touched]) > radius[touched] + OFF_RIM_MM - 0.1).all()
+    (effect,) = case.effects
+    assert set(effect["parameters"]) == {"shift_mm"} and case.rig[0].kind == "gain-walk"
+    assert 9.0 < case.snr[0] < 65.0
+    shift_deg = np.degrees(np.array(effect["parameters"]["shift_mm"]) / case.true.radius_mm)
+    angles = {"parameters": {"shift_deg": shift_deg.tolist()}}
+    by_angle = case.world.readings(case.true_states[:1], [{**effect, **angles}])
+    np.testing.assert_allclose(by_angle, case.clean[:1], rtol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["single:third-dimension", "single:conductivity-gradient"])
+def test_no_case_on_an_outline_has_what_discs_alone_have(kind):
+    with pytest.raises(InputError, match="outline"):
+        draw(f"{kind}+outline", 1)
 
 
 def test_sets_have_their_size():

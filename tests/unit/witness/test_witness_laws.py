@@ -94,8 +94,11 @@ def test_skin_laws():
         law("electrode-position", {"electrodes": [1]}, shift_deg=[2.0]),
         law("electrode-width", width_mm=3.0),
     ]
-    deg, width = laws.electrodes(items, np.array([0.0, 90.0]), np.array([5.0, 5.0]))
+    deg, width = laws.electrodes(items, np.array([0.0, 90.0]), np.array([5.0, 5.0]), 60.0)
     assert deg.tolist() == [0.0, 92.0] and width.tolist() == [3.0, 3.0]
+    along_rim = [law("electrode-position", {"electrodes": [1]}, shift_mm=[np.pi])]
+    deg, _ = laws.electrodes(along_rim, np.array([0.0, 90.0]), np.array([5.0, 5.0]), 60.0)
+    assert deg == pytest.approx([0.0, 93.0])  # 3 degrees of a rim of length 2 pi 60 mm
 
 
 def test_contact_laws():

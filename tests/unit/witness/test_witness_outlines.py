@@ -6,20 +6,24 @@ import numpy as np
 import pytest
 from scipy.special import iv
 
+from eitskin.physics.forward import channel_values
 from witness import disc
 from witness.boundary import Disc
-from witness.curves import Shape
+from witness.curves import OutlineShape, Shape
 from witness.outline_cases import (
     BUILDERS,
+    CONCEALING,
     ELECTRODES,
     INSIDE,
     NAMES,
     OUTLINES,
     adjacent_channels,
     outline_case,
+    sized_outline,
 )
-from witness.outline_skin import FINE, InnerElectrode, OutlineSkin, RimElectrode, Touch
+from witness.outline_skin import FINE, Body, InnerElectrode, OutlineSkin, RimElectrode, Touch
 from witness.outlines import ellipse, flat_disc, polygon, spline
+from witness.triangles import Sizes
 
 QUICK = replace(FINE, order=4, end=1e-3, slope=1.0)
 R_MM, WIDTH_MM, Z, SIGMA, THICK_MM = 70.0, 5.0, 5e-4, 0.5, 3.0
@@ -179,3 +183,53 @@ def test_refuses_what_is_not_on_the_skin():
         skin(polygon(square), [0.1], inner=[InnerElectrode(48.0, 25.0, 4.0, Z)])
     with pytest.raises(ValueError, match="circle 0"):
         skin(polygon(square), [0.1, 0.4]).readings(CHANNELS[:1] % 2, [Touch(60.0, 25.0, 4.0, 1.0)])
+
+
+def test_a_round_outline_is_a_disc_whatever_solves_it():
+    deg, width = 7.0 + 22.5 * np.arange(16), np.full(16, WIDTH_MM)
+    flat = Body(OutlineShape(R_MM, outline=ellipse(R_MM, R_MM)), deg, width)
+    series = disc.Body(Shape(R_MM), deg, width, disc.Nodes(96))
+    length = np.full(16, 1e3 * Z * SIGMA / R_MM)
+    touch = Disc(50.0, 10.0, 7.5)
+    readings = [
+        channel_values(
+            np.linalg.inv(place.admittance(body.contact(length), contrast) + 1.0), CHANNELS
+        )
+        for body in (flat, series)
+        for place, contrast in ((body.place(()), ()), (body.place((touch,)), (2.0,)))
+    ]
+    untouched, touched, wanted, wanted_touched = readings
+    assert rms(untouched - wanted) < 1e-5 * np.median(np.abs(wanted))
+    change = wanted_touched - wanted
+    assert rms(touched - untouched - change) < 3e-5 * rms(change)
+
+
+def test_harmonics_of_a_round_outline_are_those_of_a_disc():
+    harmonics = {0: 0.02 + 0j, 2: 0.05j, 5: 0.01 - 0.02j}
+    phi = np.linspace(0.0, 2.0 * np.pi, 50)
+    flat = OutlineShape(R_MM, harmonics, outline=ellipse(R_MM, R_MM))
+    np.testing.assert_allclose(flat.rim(phi), Shape(R_MM, harmonics).rim(phi), atol=1e-9)
+    with pytest.raises(ValueError, match="corners"):
+        OutlineShape(R_MM, harmonics, outline=polygon(rectangle(0.0, 50.0, 30.0))).rim(phi)
+
+
+@pytest.mark.parametrize("name", CONCEALING)
+def test_an_outline_for_effects_has_the_area_of_a_disc_and_its_middle_at_the_origin(name):
+    outline, stated = sized_outline(name, R_MM)
+    assert outline.area_mm2 == pytest.approx(np.pi * R_MM**2, rel=1e-3)
+    assert stated.perimeter_mm == pytest.approx(outline.perimeter_mm, rel=1e-8)
+    share = np.arange(1000) / 1000
+    assert abs(outline.place(share).mean()) < 0.2
+    apart = np.abs(stated.place(2.0 * np.pi * share) - outline.place(share))
+    assert apart.max() < 1e-4
+    assert outline.depth(0.0) > 10.0 and outline.depth(3.0 * R_MM) < 0.0
+    assert outline.depth(outline.place(np.array([0.3]))[0]) == pytest.approx(0.0, abs=0.05)
+
+
+def test_sizes_without_idle_points_are_the_same():
+    rng = np.random.default_rng(3)
+    points = rng.standard_normal(300) + 1j * rng.standard_normal(300)
+    sizes = Sizes(points, rng.uniform(0.01, 0.6, 300), 0.5, 0.7)
+    places = rng.standard_normal(500) + 1j * rng.standard_normal(500)
+    np.testing.assert_allclose(sizes.reduced()(places), sizes(places), rtol=1e-12)
+    assert len(sizes.reduced().points) < 150

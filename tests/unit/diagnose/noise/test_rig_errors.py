@@ -66,13 +66,16 @@ def walk_waves(frames, count):
     return random_walk_waves(np.linspace(0.0, 1.0, frames), count)
 
 
-def made(names=tuple(SIZES), seed=0, correlation=0.0, lost=0.1, assumed=()):
+TOGETHER = np.repeat(np.arange(-1, PRESSES), [4, *(PRESSES // 4 * [1, 2, 3, 2])])
+APART = np.concatenate([[-1, -1], *([press, press, -1] for press in range(14))])
+
+
+def made(names=tuple(SIZES), seed=0, correlation=0.0, lost=0.1, assumed=(), label=TOGETHER):
     """A rig by hand: readings of about 1, noise of about 3e-4; four frames of no press, then twenty
-    presses of one to three frames."""
+    presses of one to three frames; or as `label` (FRAMES,) has them."""
     draw = np.random.default_rng([seed, 1])
     shape = FRAMES, CHANNELS
     voltage = np.exp(0.5 * draw.normal(size=CHANNELS)) * np.ones(shape)
-    label = np.repeat(np.arange(-1, PRESSES), [4, *(PRESSES // 4 * [1, 2, 3, 2])])
     place, force = 1e-3 * draw.normal(size=(2, *shape)), 2e-2 * draw.normal(size=(1, *shape))
     place[:, label < 0], force[:, label < 0] = 0.0, 0.0
     columns = {
@@ -279,10 +282,15 @@ def test_a_far_start_does_not_matter(names):
     assert_no_start_matters(names, {name: 2.0 * COMPONENTS[name].prior_sd for name in names})
 
 
-@EACH
-def test_the_likelihood_is_that_of_a_normal_distribution(names):
+@pytest.mark.parametrize(
+    ("names", "correlation"),
+    [(FRAME, 0.0), (PRESS, 0.0), (CHANNEL, 0.0), (PRESS, 0.6)],
+    ids=["frame", "press", "channel", "press in lasting noise"],
+)
+def test_the_likelihood_is_that_of_a_normal_distribution(names, correlation):
     truth = {name: SIZES[name] for name in names} | WALK
-    rig = made(truth)
+    lasting = {"correlation": correlation, "lost": 0.0, "label": APART}
+    rig = made(truth, **(lasting if correlation else {}))
     residual = drawn(rig, truth, np.random.default_rng(7))
     there = rig.noise_whitening.mask.ravel()
     frame, channel = (own.ravel()[there] for own in np.indices((FRAMES, CHANNELS)))
@@ -295,7 +303,9 @@ def test_the_likelihood_is_that_of_a_normal_distribution(names):
     }
 
     def density(sizes):
-        covariance = np.diag(rig.noise_whitening.sd[channel] ** 2)
+        lag = np.abs(frame[:, None] - frame)
+        covariance = np.where(channel[:, None] == channel, 1.0 * correlation**lag, 0.0)
+        covariance *= np.outer(*2 * [rig.noise_whitening.sd[channel]])
         for name, size in sizes.items():
             columns = rig.columns[name].reshape(-1, there.size)[:, there]
             covariance += size**2 * together[COMPONENTS[name].acts_on] * (columns.T @ columns)

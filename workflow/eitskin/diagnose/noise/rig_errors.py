@@ -79,7 +79,13 @@ class RigErrors:
         )
 
     def __getstate__(self) -> dict:
-        derived = "_whitenings", "filtered", "single_precision_columns", "shared_columns"
+        derived = (
+            "_whitenings",
+            "filtered",
+            "single_precision_columns",
+            "shared_columns",
+            "latest_press",
+        )
         return {name: value for name, value in vars(self).items() if name not in derived}
 
     def __setstate__(self, state: dict) -> None:
@@ -114,10 +120,17 @@ class RigErrors:
         shared = np.concatenate([np.zeros((0, *shape)), *columns])
         return self.noise_whitening.filtered(shared, "whole")
 
+    @cached_property
+    def latest_press(self) -> np.ndarray:
+        """(N,): the press that was the latest to begin by each frame, -1 before the first: where
+        noise lasts, `filtered` columns of a press go on after its touch, up to the next one."""
+        latest = np.maximum.accumulate(np.where(self.press < 0, -1, np.arange(len(self.press))))
+        return np.where(latest < 0, -1, self.press[latest])
+
     @property
     def press_indicator(self) -> np.ndarray:
-        """(B, N): 1 where a frame is of a press, else 0."""
-        return press_indicator(self.press)
+        """(B, N): 1 where a press was the latest to begin, else 0."""
+        return press_indicator(self.latest_press)
 
     def whitening(
         self,
@@ -164,7 +177,7 @@ class RigErrors:
             return self.noise_whitening
         shape = self.noise_whitening.mask.shape
         columns = {acts_on: _stacked(terms, shape) for acts_on, terms in weighted.items()}
-        errors = ErrorColumns(**columns, press_label=self.press, filtered=True)
+        errors = ErrorColumns(**columns, press_label=self.latest_press, filtered=True)
         return self.noise_whitening.with_errors(errors)
 
     @property
