@@ -11,13 +11,12 @@ from dataclasses import replace
 import numpy as np
 
 from eitskin.diagnose.fitting.candidates import Candidate
-from eitskin.diagnose.fitting.families import family_columns, family_name, members
+from eitskin.diagnose.fitting.families import family_name, members
 from eitskin.diagnose.fitting.family_sizes import FamilySizes
 from eitskin.diagnose.fitting.fit import Fit, Problem, fit, renewed_slopes
 from eitskin.diagnose.fitting.jacobian import Jacobian
 from eitskin.diagnose.fitting.linearisation import linearised_rig_errors
 from eitskin.diagnose.fitting.simulator import RecordingSimulator
-from eitskin.diagnose.fitting.tangents import Tangents
 from eitskin.diagnose.noise.components import COMPONENTS
 from eitskin.diagnose.noise.families import Family
 from eitskin.diagnose.noise.rig_errors import RigErrors
@@ -28,7 +27,7 @@ from eitskin.diagnose.search.growth import (
     cut_short,
     with_another_effect,
 )
-from eitskin.diagnose.search.refits import calibrated, explain, with_effect
+from eitskin.diagnose.search.refits import calibrated, explain, settled, with_effect
 from eitskin.diagnose.search.screen import chance_p_value, sparse
 from eitskin.diagnose.search.search import Cache, Search
 from eitskin.diagnose.search.starting_point import StartingPoint
@@ -70,17 +69,34 @@ def with_members(outcome: Outcome) -> Outcome:
 def grown_with_members(outcome: Outcome) -> Outcome:
     """`with_members`, and the effects that are warranted beside fitted families.
 
-    What an effect explains is the families' no more: their sizes are learned again after each, and
-    all members fitted anew.
+    What an effect explains is the families' no more, and without it their members may have gone
+    anywhere: with each, sizes are learned again from the covariance on, and all members fitted
+    anew.
     """
     search, calibration, explanation = outcome
     if explanation.rig is None or not family_sds(explanation):
         return outcome
     search = _with_budget_for_members(search, explanation)
-    in_noise, explanation = _members_joined(search, explanation)
-    while (larger := with_another_effect(in_noise, explanation)) is not None:
-        in_noise, explanation = _members_joined(search, larger)
-    return in_noise, _baseline(calibration, in_noise), explanation
+    in_noise, grown = _members_joined(search, explanation)
+    while (larger := with_another_effect(in_noise, grown)) is not None:
+        begun_search, begun = _in_covariance(search, explanation, larger)
+        if not family_sds(begun):
+            return begun_search, calibration, begun
+        in_noise, grown = _members_joined(begun_search, begun)
+    return in_noise, _baseline(calibration, in_noise), grown
+
+
+def _in_covariance(
+    search: Search, begin: Explanation, larger: Explanation
+) -> tuple[Search, Explanation]:
+    """The effects of an explanation with fitted members where families are in the covariance, from
+    the sizes of another explanation on; and the search about it."""
+    assert begin.rig is not None
+    problem = replace(search.problem, whitening=begin.rig.whitening(begin.error_sds, fitted=True))
+    theta = _with_coordinates(larger.fit, problem.model)
+    fitted = fit(problem, larger.effects, theta, polish=True)
+    explained = explain(search, fitted, larger.p_values, begin.error_sds, begin.rig)
+    return settled(search, explained)
 
 
 def _with_budget_for_members(search: Search, explanation: Explanation) -> Search:
@@ -95,18 +111,12 @@ def _with_budget_for_members(search: Search, explanation: Explanation) -> Search
 
 def _members_joined(search: Search, explanation: Explanation) -> tuple[Search, Explanation]:
     """An explanation with the members of its families fitted, and the search beside them, which
-    has no family in its covariance; begun from the sizes in the covariance, or from those of
-    members that are fitted already."""
-    learned, rig, model = explanation, explanation.rig, explanation.fit.problem.model
+    has no family in its covariance."""
+    learned, rig, sds = explanation, explanation.rig, family_sds(explanation)
     assert rig is not None
     begin, returned = _without_common_culprits(learned.fit, search.problem.families)
-    sds = family_sds(learned) or _sds(model)
-    sds |= {name: max(sd, sds.get(name, 0.0)) for name, sd in returned.items()}
-    derivatives = {name: rig.columns[name] for name in sds if name in rig.columns}
-    derivatives |= _typical_derivatives(model)
-    absent = {name: search.problem.families[name] for name in sds if name not in derivatives}
-    derivatives |= family_columns(Tangents(begin, []), absent)
-    sds = {name: sd for name, sd in sds.items() if name in derivatives}
+    sds |= {n: max(sd, sds.get(n, 0.0)) for n, sd in returned.items() if n in rig.columns}
+    derivatives = {name: rig.columns[name] for name in sds}
     for number in range(JOINING_ROUNDS):
         rig_sds = {n: sd for n, sd in learned.error_sds.items() if n not in family_sds(learned)}
         problem = replace(search.problem, whitening=rig.whitening(rig_sds, fitted=True))
