@@ -197,11 +197,11 @@ def table(path: Path, columns: int) -> np.ndarray:
     return cells.numbers(list(range(columns)))
 
 
-def has_row_of_numbers(path: Path, width: int) -> bool:
-    """Whether a line of a file has so many numbers, in whatever dress."""
-    lines = path.read_bytes().decode("latin-1").splitlines()
-    cells = (re.split(r"[;,\t ]+", line.strip()) for line in lines)
-    return any(sum(is_number(cell, False) for cell in row if cell) >= width for row in cells)
+def begins_with_row(path: Path, width: int) -> bool:
+    """Whether the first line of a file that is no comment has so many cells."""
+    lines = (line.strip() for line in path.read_bytes().decode("latin-1").splitlines())
+    first = next((line for line in lines if line and not line.startswith("#")), "")
+    return len(re.split(r"[;,\t ]+", first)) >= width
 
 
 def number(cell: str, comma: bool) -> float | complex:

@@ -82,7 +82,7 @@ def accepts(path: Path) -> bool:
         table = _unwrapped(matrix_table.read(path, {}), None)
     except InputError:
         suffix = path.suffix.lower()
-        is_text_table = suffix == ".txt" and delimited.has_row_of_numbers(path, MIN_COLUMNS)
+        is_text_table = suffix == ".txt" and delimited.begins_with_row(path, MIN_COLUMNS)
         if is_workbook(path) or suffix in TABLE_SUFFIXES or is_text_table:
             raise
         return False
