@@ -47,6 +47,9 @@ ONLY = {  # what knows even less of the tool than its floor would allow
         "eitskin.errors",
         "eitskin.data.recording",
         "eitskin.physics.protocol",
+        # As an owner states a rim.
+        "eitskin.physics.outline",
+        "eitskin.physics.rim_curve",
         "eitskin.physics.skin",
     },
 }

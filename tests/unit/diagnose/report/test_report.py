@@ -166,7 +166,7 @@ def test_the_rig_is_told_where_it_was_found(written, rig):
 def test_candidates_are_not_told_as_findings(written, rig):
     text = Page((rig / "report.html").read_text(encoding="utf-8")).text
     assert "nothing is certain yet" in text and "What is certain" not in text
-    assert "Candidates, to be tried Perhaps electrode 7 touches" in text
+    assert "Candidates, to be tried Perhaps electrode 7 has" in text
     assert "assumes. This recording cannot tell it from electrode width." in text
     assert "1. Perhaps electrode 7 has" in text
     assert "contact-impedance, a candidate, electrode 7" in text
