@@ -211,12 +211,11 @@ def omitted_frames(evidence: Evidence) -> list[str]:
     count, total = len(evidence.frames), len(evidence.recording.frames)
     if count < total - sum(last + 1 - first for first, last in stretches):
         sentences.append(f"An excerpt was diagnosed: {count} of {total} frames.")
-    touched_frames = evidence.frames[evidence.frames["touch"]]
-    is_unknown = touched_frames[TOUCH_COLUMNS.keys()].isna()
+    is_unknown = _unknown_values(evidence)
     incomplete = is_unknown.any(axis=1).sum()
     if incomplete:
         sentences.append(
-            f"Of {len(touched_frames)} touched frames {incomplete} took no part:"
+            f"Of {len(is_unknown)} touched frames {incomplete} took no part:"
             f" {_unknown_text(is_unknown)}."
         )
     return sentences
@@ -224,13 +223,17 @@ def omitted_frames(evidence: Evidence) -> list[str]:
 
 def _unknown_touches(evidence: Evidence) -> list[str]:
     """That touched frames took no part, in a sentence without numbers; none where all did."""
-    touched_frames = evidence.frames[evidence.frames["touch"]]
-    is_unknown = touched_frames[TOUCH_COLUMNS.keys()].isna()
+    is_unknown = _unknown_values(evidence)
     is_incomplete = is_unknown.any(axis=1)
     if not is_incomplete.any():
         return []
     which = "No" if is_incomplete.all() else "Not every"
     return [f"{which} touched frame took part: {_unknown_text(is_unknown)}."]
+
+
+def _unknown_values(evidence: Evidence) -> pd.DataFrame:
+    """Of every touched frame, which of TOUCH_COLUMNS are unknown."""
+    return evidence.frames[evidence.frames["touch"]][TOUCH_COLUMNS.keys()].isna()
 
 
 def _unknown_text(is_unknown: pd.DataFrame) -> str:
