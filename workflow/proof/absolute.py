@@ -19,9 +19,7 @@ from eitskin.data.reading import read
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.compare.objects import NAME
 from eitskin.diagnose.verdict.conclusion import document
-from eitskin.quantities import percent
-from proof.dense import NEAR
-from proof.intervals import wilson
+from proof.dense import NEAR, rate
 from proof.markdown import table
 from proof.objects import ROD, TEN, Case, answer, cases, judged
 
@@ -39,11 +37,12 @@ def row(case: Case) -> dict:
     start = time.process_time()
     diagnosed = diagnosis.diagnose(recorded)
     content = document(diagnosed, case.name)
+    seconds = time.process_time() - start
     radius_mm = diagnosed.search.problem.model.nominal_skin.radius_mm
     return {
         "case": case.name,
         "truth": places(case),
-        "cpu_seconds": time.process_time() - start,
+        "cpu_seconds": seconds,
         "verdict": content["verdict"],
         "effects": [
             {key: effect.get(key) for key in ("name", "certain", "stands_out", "parameters")}
@@ -112,11 +111,11 @@ def page(scores: list[dict]) -> list[str]:
         ("objects that are elsewhere", full, "stray"),
         ("empty tanks: an object named", empty, "named"),
     ]
-    cells = [(what, *_rate([s[key] > 0 for s in group])) for what, group, key in lines]
+    cells = [(what, *rate([s[key] > 0 for s in group])) for what, group, key in lines]
     every = [s["near"] == s["objects"] for s in full]
-    cells.insert(1, ("the same: all of them", *_rate(every)))
+    cells.insert(1, ("the same: all of them", *rate(every)))
     worse = [s["left"] > 1.0 for s in scores if s["left"] == s["left"]]
-    cells.append(("after worse than before on readings put aside", *_rate(worse)))
+    cells.append(("after worse than before on readings put aside", *rate(worse)))
     head = tuple(scores[0])
     rows = [
         tuple(
@@ -126,13 +125,6 @@ def page(scores: list[dict]) -> list[str]:
         for s in scores
     ]
     return [*table(("what", "measured", "n"), cells), "", *table(head, rows)]
-
-
-def _rate(hits: list[bool]) -> tuple[str, int]:
-    if not hits:
-        return "none", 0
-    low, high = wilson(sum(hits), len(hits))
-    return f"{sum(hits)} of {len(hits)} ({percent(low)} to {percent(high)})", len(hits)
 
 
 def main() -> None:

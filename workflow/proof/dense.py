@@ -110,18 +110,19 @@ def scores(rows: list[dict]) -> list[tuple[str, str, int]]:
     return [
         ("misfit put aside that is closed, median", f"{np.median(closed):.4f}", len(closed)),
         ("the same, fifth percentile", f"{np.quantile(closed, 0.05):.4f}", len(closed)),
-        ("after worse than before on readings put aside", *_rate(worse)),
-        ("sizes of families of share 20 % or more within 1.5 times", *_rate(sizes)),
-        ("culprits that stand out by 8 or more: site and name", *_rate(culprits)),
-        ("recordings with a false culprit, certain", *_rate(false_sites)),
-        ("objects within 14 % of the radius", *_rate(objects)),
-        ("recordings without an object: one named", *_rate(false_objects)),
+        ("after worse than before on readings put aside", *rate(worse)),
+        ("sizes of families of share 20 % or more within 1.5 times", *rate(sizes)),
+        ("culprits that stand out by 8 or more: site and name", *rate(culprits)),
+        ("recordings with a false culprit, certain", *rate(false_sites)),
+        ("objects within 14 % of the radius", *rate(objects)),
+        ("recordings without an object: one named", *rate(false_objects)),
         ("processor seconds, median", f"{np.median(seconds):.0f}", len(seconds)),
         ("processor seconds, largest", f"{max(seconds):.0f}", len(seconds)),
     ]
 
 
-def _rate(hits: list[bool]) -> tuple[str, int]:
+def rate(hits: list[bool]) -> tuple[str, int]:
+    """A share with its interval as a cell of a table, and of how many it is."""
     if not hits:
         return "none drawn", 0
     low, high = wilson(sum(hits), len(hits))
