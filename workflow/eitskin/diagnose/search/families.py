@@ -117,13 +117,14 @@ def _members_joined(search: Search, explanation: Explanation) -> tuple[Search, E
     begin, returned = _without_common_culprits(learned.fit, search.problem.families)
     sds |= {n: max(sd, sds.get(n, 0.0)) for n, sd in returned.items() if n in rig.columns}
     derivatives = {name: rig.columns[name] for name in sds}
-    for number in range(JOINING_ROUNDS):
+    for _ in range(JOINING_ROUNDS):
         rig_sds = {n: sd for n, sd in learned.error_sds.items() if n not in family_sds(learned)}
         problem = replace(search.problem, whitening=rig.whitening(rig_sds, fitted=True))
-        fitted = _members_fitted(problem, begin if number == 0 else learned.fit, sds, derivatives)
+        fitted = _members_fitted(problem, begin, sds, derivatives)
         rig = linearised_rig_errors(fitted, search.problem.whitening, search.converter_step)
         explained = explain(search, fitted, learned.p_values, rig_sds, rig)
         learned = _with_culprits(search, explained)
+        begin = learned.fit
         sds, joining = _sds(fitted.problem.model), family_sds(learned)
         if not sds or (learned is explained and not joining):
             break
