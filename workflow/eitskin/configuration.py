@@ -459,13 +459,21 @@ def _rig_names(config: dict) -> list[str]:
 
 def any_of(names: Iterable[str]) -> str:
     """A regular expression of these names alone, of none one that matches nothing. It is decided
-    letter by letter: alternatives take as long as there are names."""
+    letter by letter: alternatives take as long as there are names. Letters that go on alike share
+    a class, as Snakemake reads the whole expression with every path: of numbered names it is short.
+    """
     if not (names := set(names)):
         return "(?!)"
     rests: dict[str, list[str]] = {}
     for name in sorted(names - {""}):
         rests.setdefault(name[0], []).append(name[1:])
-    branches = [re.escape(letter) + any_of(rest) for letter, rest in rests.items()]
+    letters: dict[str, list[str]] = {}
+    for letter, rest in rests.items():
+        letters.setdefault(any_of(rest), []).append(re.escape(letter))
+    branches = [
+        (alike[0] if len(alike) == 1 else f"[{''.join(alike)}]") + rest
+        for rest, alike in letters.items()
+    ]
     branches += [""] * ("" in names)
     return branches[0] if len(branches) == 1 else f"(?:{'|'.join(branches)})"
 

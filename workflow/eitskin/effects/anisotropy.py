@@ -1,7 +1,6 @@
 """A gel that conducts better in one direction."""
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
 from eitskin.effects.identity import Identity, NamedEffect, OtherSide, Substitute
@@ -38,6 +37,8 @@ def carried_outline(
 
     def image_angle(phi: np.ndarray) -> np.ndarray:
         return phi + np.angle(image(phi) * np.exp(-1j * phi))
+
+    from scipy.interpolate import CubicSpline  # slow to import: see `physics.rim_curve`
 
     angle, radius = image_angle(RIM_PHI), np.abs(image(RIM_PHI)) / base.radius_mm
     closed = np.append(angle, angle[0] + 2.0 * np.pi), np.append(radius, radius[0])
