@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from eitskin.data.averages import averages
 from eitskin.data.subset import of_frames
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.fitting import families
@@ -11,6 +12,7 @@ from eitskin.diagnose.fitting.fit import fit
 from eitskin.diagnose.search import staging
 from small_skin import small_recording
 from witness import owned
+from witness.dense import draw
 
 PRESSED = {"harmonic": 2, "amplitude": 0.05, "phase_deg": 20.0, "carried": 1}
 OVAL = {"name": "domain-shape", "parameters": PRESSED}
@@ -79,14 +81,27 @@ def test_families_are_sought_in_an_excerpt_of_too_many_frames(at_most):
     _, search, _ = staging.prepared(recorded, 1)
     assert staging._takes_families(search, touched=True)
     at_most(29)
-    with pytest.raises(staging.FewerFrames) as fewer:
-        staging._refuse_too_many(search, touched=True)
-    assert fewer.value.frames in (28, 29)
-    part = diagnosis._excerpt(recorded, fewer.value.frames, lambda line: None)
-    assert 20 <= len(part.frames) <= fewer.value.frames and not part.frames["touch"].all()
+    fewer = staging._fewer_frames(search, touched=True)
+    assert fewer is not None and fewer.frames in (28, 29) and not fewer.are_averages
+    part = diagnosis._excerpt(recorded, fewer.frames, lambda line: None)
+    assert 20 <= len(part.frames) <= fewer.frames and not part.frames["touch"].all()
     at_most(12)  # too few for a diagnosis
-    staging._refuse_too_many(search, touched=True)
+    assert staging._fewer_frames(search, touched=True) is None
     assert not staging._takes_families(search, touched=True)
+
+
+def test_many_untouched_frames_with_a_gross_misfit_are_averaged():
+    """But for readings in a converter's steps, which averages would hide."""
+    frames = draw("dense:8 adjacent", 910_001).recorded
+    with pytest.raises(staging.FewerFrames) as fewer:
+        staging.prepared(frames, 1)
+    assert fewer.value.are_averages and fewer.value.frames == staging.AVERAGES
+    part = averages(frames, fewer.value.frames)
+    _, search, _ = staging.prepared(part, 1)
+    assert search.problem.families and len(search.problem.readings) == staging.AVERAGES
+    step = 20.0 * search.problem.whitening.sd.max()
+    coarse = replace(frames, voltage=step * (frames.readings / step).round())
+    assert staging.prepared(coarse, 1)[1].converter_step == pytest.approx(step)
 
 
 @pytest.mark.long

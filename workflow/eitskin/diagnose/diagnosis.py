@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from threadpoolctl import threadpool_limits
 
+from eitskin.data.averages import averages
 from eitskin.data.check.unlabelled import stretch_text
 from eitskin.data.check.usable import usable
 from eitskin.data.recording import Recording, voltages
@@ -33,8 +34,9 @@ def diagnose(
     What the check leaves out is left out (`usable`): frames in which somebody touched though no
     label tells, copies, frames whose load cell lost its signal, numbers that are no readings. Of a
     long recording, an excerpt, as long as memory_GiB are expected to allow, or families of what is
-    a little wrong at every site; a search on a few frames of it is where that on all begins, or the
-    effects of an earlier diagnosis where these explain it: each has to be borne out. opened: pairs
+    a little wrong at every site; for these, averages of frames where nobody touches. A search on a
+    few frames is where that on all begins, or the effects of an earlier diagnosis where these
+    explain it: each has to be borne out. opened: pairs
     of a gate's and an effect's name, for which the gate lets everything pass. Equal arguments give
     equal results, bit for bit. Raises InputError where nothing can be simulated, and where it
     would take more memory.
@@ -66,8 +68,14 @@ def _diagnosed(
     try:
         diagnosis = _searched(part, seed, report, earlier, journal)
     except FewerFrames as fewer:
-        part = _excerpt(part, fewer.frames, report)
+        frames_each = len(part.frames) / fewer.frames if fewer.are_averages else 1.0
+        if fewer.are_averages:
+            report(f"averages of the frames, {fewer.frames}")
+            part = averages(part, fewer.frames)
+        else:
+            part = _excerpt(part, fewer.frames, report)
         diagnosis = _searched(part, seed, report, earlier, Journal(journal.opened))
+        diagnosis = replace(diagnosis, frames_each=frames_each)
     return replace(diagnosis, unlabelled=tuple(unlabelled))
 
 
@@ -89,8 +97,8 @@ def _searched(
     earlier: list[Setting] | None,
     journal: Journal,
 ) -> Diagnosis:
-    """The diagnosis of all frames of a recording. Raises FewerFrames where an excerpt is to be
-    diagnosed in its place."""
+    """The diagnosis of all frames of a recording. Raises FewerFrames where an excerpt or averages
+    are to be diagnosed in its place."""
     noise, search, reserve_mask = prepared(recording, seed, report, journal)
     outcome, was_cut_short = searched(recording, search, seed, earlier)
     outcome = pruned(outcome, error_units(recording), noise.dof)

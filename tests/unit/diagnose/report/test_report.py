@@ -206,6 +206,20 @@ def test_frames_touched_without_a_label_are_told_and_no_excerpt(written):
     assert excerpt == f"An excerpt was diagnosed: {count} of {count + 5} frames."
 
 
+def test_averages_are_told_and_no_excerpt(written):
+    evidence = read(written["explained"], *_rest(written["explained"]))
+    noise = {"components": [], "frames_each": 5.5}
+    few = replace(
+        evidence,
+        frames=evidence.frames.iloc[:6],
+        diagnosis=evidence.diagnosis | {"noise": noise},
+    )
+    assert omitted_frames(few) == [
+        "Averages of about 5.5 frames were diagnosed, 6 of them: what changes from frame to frame"
+        " was not sought, and a reading below is an average."
+    ]
+
+
 def test_what_was_put_aside_is_told(written, rig):
     frames = read(written["explained"], *_rest(written["explained"])).frames
     count = frames["last"].sum()

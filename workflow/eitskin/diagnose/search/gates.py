@@ -324,6 +324,16 @@ STARTS = Gate(
     "effects that no tangent leads to, where nobody touches",
     "its start has rank {value} of the name; ranks up to {threshold} are fitted",
 )
+AGAIN = Gate(
+    "again",
+    "nats by which it was behind beside fewer effects",
+    5.0,
+    "at most",
+    "cost",
+    "a trial of a body takes ten seconds and more, of a tangent none",
+    "effects that no tangent leads to, where nobody touches",
+    "it was behind by {value} nats beside fewer effects; beyond {threshold} it is not tried again",
+)
 FORLORN = Gate(
     "forlorn",
     "nats by which a fit without its discrepancy is behind after one step, with what the next step"

@@ -209,6 +209,7 @@ def _as_body(search: Search, explanation: Explanation) -> Explanation | None:
         return None
     draw_null(search, linearised(search, explanation))
     new = added_effect(explanation, trial)
+    search.cache.lacks[new.name] = explanation.log_evidence - trial.log_evidence
     p_value = ratio_p_value(search, Score(new, 0.0, new.size, -np.inf), explanation, trial)
     raised = trial.log_evidence - explanation.log_evidence
     judge = search.journal.judge

@@ -15,6 +15,7 @@ from eitskin.diagnose.search import channels, tones
 from eitskin.diagnose.search.explanation import Explanation, added_effect
 from eitskin.diagnose.search.gates import (
     ABSORBED,
+    AGAIN,
     BUDGET,
     COMPETING,
     HOPE,
@@ -314,6 +315,8 @@ def trials(
             search.journal.judge(trial.gate, trial.value, proposal.candidate, explanation)
             continue
         new = added_effect(explanation, trial)
+        if search.starts_far(new):
+            search.cache.lacks[new.name] = explanation.log_evidence - trial.log_evidence
         p_value = ratio_p_value(search, proposal, explanation, trial)
         if (behind := best - trial.log_evidence) > race:
             search.journal.judge(RACE, behind, proposal.candidate, explanation)
@@ -332,8 +335,13 @@ def cached_trials(search: Search, explanation: Explanation) -> list[Explanation]
 
 
 def _far(search: Search, explanation: Explanation, listed: list[Score]) -> list[Score]:
-    """Scores of names that no tangent leads to, but for those that are listed, where nobody
-    touches: such a recording has little else to be told by."""
+    """Scores of names that no tangent leads to, but for those that are listed or were far behind,
+    where nobody touches: such a recording has little else to be told by."""
     names = {c.name for c in explanation.effects} | {s.candidate.name for s in listed}
     far = {c.name: c for c in search.candidates if search.starts_far(c) and c.name not in names}
-    return [Score(candidate, 0.0, 1, -np.inf) for candidate in far.values()]
+    lacks, judge = search.cache.lacks, search.journal.judge
+    return [
+        Score(candidate, 0.0, 1, -np.inf)
+        for name, candidate in far.items()
+        if judge(AGAIN, lacks.get(name, 0.0), candidate, explanation)
+    ]

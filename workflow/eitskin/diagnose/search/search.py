@@ -26,8 +26,8 @@ class Cache:
 
     tangents: about a set; met: the explanation that the tangents of a set are about; reduced: sets
     less one effect, with the fit of the whole set; scores, trials: beside a set, with its fit;
-    lengths: squared length of the change by each candidate without coordinates; scoring: of the sds
-    of the rig's errors; null: distribution of the least p-value by chance alone.
+    lengths: squared length of the change by each candidate without coordinates; lacks: nats by
+    which each name was behind that no tangent leads to; scoring: of the sds of the rig's errors; null: distribution of the least p-value by chance alone.
     """
 
     tangents: dict[tuple, Tangents] = field(default_factory=dict)
@@ -36,6 +36,7 @@ class Cache:
     scores: dict[tuple, tuple[Fit, list[Score]]] = field(default_factory=dict)
     trials: dict[tuple, tuple[Fit, list[Explanation]]] = field(default_factory=dict)
     lengths: dict[tuple, float] = field(default_factory=dict)
+    lacks: dict[str, float] = field(default_factory=dict)
     scoring: ScoringCache = field(default_factory=ScoringCache)
     null: NullDistribution | None = None
 

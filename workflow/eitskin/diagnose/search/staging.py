@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 
+from eitskin.data.averages import LEAST_FRAMES
 from eitskin.data.recording import Recording
 from eitskin.data.subset import of_frames
 from eitskin.diagnose.fitting.candidates import Candidate, replaces_instrument
@@ -46,17 +47,19 @@ FIRST_SHARE = 2 / 3  # of the budget, that the search on these may take
 # Where more than this share of the untouched readings is left unexplained, untouched frames are
 # searched first, if there are so many of them, for this share of the budget.
 UNTOUCHED_DISCREPANCY, LEAST_UNTOUCHED, UNTOUCHED_SHARE = 3e-3, 5, 1 / 3
+AVERAGES = 6  # of frames that nobody touches: what is wrong in all of them is in these
 MOST_DENSE_NAMES = 1  # with values at every site: with two, a skin is a little wrong everywhere
 EXPLAINED = 2.0  # chi squared a reading, up to which such a start is trusted
 
 
 class FewerFrames(Exception):
     """A recording is a little wrong at every site, and has more frames than families are fitted to;
-    frames: to how many they are."""
+    frames: to how many they are; are_averages: of successive frames, else an excerpt."""
 
-    def __init__(self, frames: int) -> None:
+    def __init__(self, frames: int, are_averages: bool) -> None:
         super().__init__(f"families are fitted to {frames} frames")
         self.frames = frames
+        self.are_averages = are_averages
 
 
 def prepared(
@@ -67,7 +70,7 @@ def prepared(
 ) -> tuple[NoiseModel, Search, np.ndarray]:
     """The noise of a recording; the search of its whole catalogue, which has not run; and the mask
     (N, M) of the reserve, chosen before anything is looked at. Raises InputError where nothing can
-    be simulated."""
+    be simulated, FewerFrames where averages or an excerpt are to be searched in its place."""
     reserve_mask = draw_reserve_mask(recording, seed)
     noise, problem, scales = noise_and_problem(recording, reserve_mask)
     model = problem.model
@@ -95,6 +98,9 @@ def prepared(
         journal=journal,
     )
     if not (conditions.touched or model.difference):
+        fewer = _fewer_frames(search, touched=False)
+        if fewer is not None and _misfit(search):
+            raise fewer
         search = _with_families(search)
     return noise, search, reserve_mask
 
@@ -115,9 +121,6 @@ def searched(
         return grown(*stated_start), False
     mask = search.problem.whitening.mask
     fitted = replace(recording, voltage=np.where(mask, recording.readings, np.nan))
-    model = search.problem.model
-    if not (model.touched.any() or model.difference or search.problem.families) and _misfit(search):
-        _refuse_too_many(search, touched=False)
     untouched = _untouched_first(search, fitted, seed)
     if untouched is None:
         return _on_all(search, fitted, seed, None)
@@ -234,7 +237,9 @@ def _untouched_first(search: Search, recording: Recording, seed: int) -> Explana
         return by_names
     if is_unlike(calibrated_search, calibration):
         return by_names
-    _refuse_too_many(search, touched=True)
+    fewer = _fewer_frames(search, touched=True)
+    if fewer is not None:
+        raise fewer
     if not _takes_families(search, touched=True):
         return by_names
     used_share = untouched.budget_used * untouched.budget_share
@@ -269,12 +274,17 @@ def _takes_families(search: Search, touched: bool) -> bool:
     return len(search.problem.readings) <= _family_frames(search, touched)
 
 
-def _refuse_too_many(search: Search, touched: bool) -> None:
-    """Raise FewerFrames where a recording has more frames than families are fitted to, and an
-    excerpt of so many shows enough."""
-    limit = _family_frames(search, touched)
-    if MIN_FRAMES <= limit < len(search.problem.readings):
-        raise FewerFrames(limit)
+def _fewer_frames(search: Search, touched: bool) -> FewerFrames | None:
+    """What is to be searched in place of a recording that is a little wrong at every site, where
+    that is less: averages, or an excerpt of as many frames as families are fitted to. A converter's
+    steps would be hidden in averages."""
+    limit, count = _family_frames(search, touched), len(search.problem.readings)
+    has_averages = count >= LEAST_FRAMES * AVERAGES and not (touched or search.converter_step)
+    if limit and has_averages:
+        return FewerFrames(AVERAGES, are_averages=True)
+    if MIN_FRAMES <= limit < count:
+        return FewerFrames(limit, are_averages=False)
+    return None
 
 
 def _family_frames(search: Search, touched: bool) -> int:

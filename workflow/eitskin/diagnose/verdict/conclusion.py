@@ -100,6 +100,7 @@ def _noise(diagnosis: Diagnosis) -> dict:
         "loud_frames": recording.frames["frame"].iloc[[*noise.loud_frames]].tolist(),
         "jumps": [step["frame"] for step in diagnosis.steps],
         **({"unlabelled": unlabelled} if unlabelled else {}),
+        **({"frames_each": diagnosis.frames_each} if diagnosis.frames_each > 1.0 else {}),
         "changes": changes(diagnosis.atlas),
         "spikes": {
             "readings": noise.spike_count,

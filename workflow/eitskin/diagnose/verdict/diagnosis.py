@@ -31,7 +31,7 @@ from eitskin.diagnose.verdict.rivals import Rival, rivals
 class Diagnosis:
     """What explains one recording, and what that was tested with.
 
-    recording: as it was diagnosed, an excerpt of a long one; search: as it ended; baseline,
+    recording: as it was diagnosed, an excerpt of a long one or averages; search: as it ended; baseline,
     explanation: without effects and with them; noise_problem: with noise alone in its covariance;
     reserve_mask (N, M): readings that no decision read; rig_errors: with their sds, as
     diagnosis.json has them; baseline_atlas, atlas: of the residuals of both; named_fit: that of the
@@ -39,7 +39,8 @@ class Diagnosis:
     first; strengths: SNR of every name at a typical size. parts, steps: of a recording with steps
     in time, as diagnosis.json has them; this is the diagnosis of the part with the key `told`.
     unlabelled: numbers of the first and last frame of stretches that were left out, for somebody
-    touched in them though no label tells.
+    touched in them though no label tells. frames_each: how many frames each of the recording's is
+    the average of.
     """
 
     recording: Recording
@@ -59,6 +60,7 @@ class Diagnosis:
     parts: tuple[dict, ...] = ()
     steps: tuple[dict, ...] = ()
     unlabelled: tuple[tuple[int, int], ...] = ()
+    frames_each: float = 1.0
 
     @cached_property
     def rivals(self) -> list[list[Rival]]:

@@ -54,7 +54,8 @@ def record(diagnosis: Diagnosis, name: str, query: Recording | None = None) -> R
         "search": pd.DataFrame(diagnosis.search.journal.steps),
         "decisions": _decisions(diagnosis),
     }
-    simulator = corrected.yaml_text(fitted, diagnosis.recording, diagnosis.noise.sd, name)
+    frame_sd = diagnosis.noise.sd * np.sqrt(diagnosis.frames_each)
+    simulator = corrected.yaml_text(fitted, diagnosis.recording, frame_sd, name)
     return Record(content, simulator, prediction, arrays, tables, experiment)
 
 
