@@ -21,7 +21,8 @@ def averages(recorded: Recording, count: int) -> Recording:
     An average has the number, the time and the session of the middle frame of its block, and is
     over the block's frames of that session. Left out are readings that stand out of their block
     (Hampel 1974, J. Am. Stat. Assoc. 69, 383, with the spread of its channel, or of most channels
-    where that is larger, in all blocks); of lost readings alone an average is lost. Raises ValueError for fewer than LEAST_FRAMES a block.
+    where that is larger, in all blocks); of lost readings alone an average is lost. Raises
+    ValueError for fewer than LEAST_FRAMES a block.
     """
     total = len(recorded.frames)
     if total < LEAST_FRAMES * count:
@@ -30,7 +31,9 @@ def averages(recorded: Recording, count: int) -> Recording:
     session = pd.factorize(sessions)[0]
     blocks = np.array_split(np.arange(total), count)
     middle = np.array([block[len(block) // 2] for block in blocks])
-    blocks = [block[session[block] == session[row]] for block, row in zip(blocks, middle)]
+    blocks = [
+        block[session[block] == session[row]] for block, row in zip(blocks, middle, strict=True)
+    ]
     is_middle = np.zeros(total, bool)
     is_middle[middle] = True
     return replace(
@@ -49,7 +52,7 @@ def _block_means(values: np.ndarray, blocks: list[np.ndarray]) -> np.ndarray:
     limit = OUTLYING * np.fmax(spread, np.nanmedian(spread))
     plain = [
         np.where(deviation <= limit, values[block], np.nan)
-        for block, deviation in zip(blocks, deviations)
+        for block, deviation in zip(blocks, deviations, strict=True)
     ]
     counts = np.array([np.isfinite(rows).sum(axis=0) for rows in plain])
     sums = np.array([np.nansum(rows, axis=0) for rows in plain])

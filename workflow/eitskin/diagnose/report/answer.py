@@ -212,8 +212,8 @@ def omitted_frames(evidence: Evidence) -> list[str]:
     frames_each = evidence.diagnosis.get("noise", {}).get("frames_each")
     if frames_each is not None:
         sentences.append(
-            f"Averages of about {frames_each:.2g} frames were diagnosed, {count} of them: what changes"
-            " from frame to frame was not sought, and a reading below is an average."
+            f"Averages of about {frames_each:.2g} frames were diagnosed, {count} of them: what"
+            " changes from frame to frame was not sought, and a reading below is an average."
         )
     elif count < total - sum(last + 1 - first for first, last in stretches):
         sentences.append(f"An excerpt was diagnosed: {count} of {total} frames.")

@@ -27,7 +27,8 @@ class Cache:
     tangents: about a set; met: the explanation that the tangents of a set are about; reduced: sets
     less one effect, with the fit of the whole set; scores, trials: beside a set, with its fit;
     lengths: squared length of the change by each candidate without coordinates; lacks: nats by
-    which each name was behind that no tangent leads to; scoring: of the sds of the rig's errors; null: distribution of the least p-value by chance alone.
+    which each name was behind that no tangent leads to; scoring: of the sds of the rig's errors;
+    null: distribution of the least p-value by chance alone.
     """
 
     tangents: dict[tuple, Tangents] = field(default_factory=dict)

@@ -31,9 +31,9 @@ from eitskin.diagnose.verdict.rivals import Rival, rivals
 class Diagnosis:
     """What explains one recording, and what that was tested with.
 
-    recording: as it was diagnosed, an excerpt of a long one or averages; search: as it ended; baseline,
-    explanation: without effects and with them; noise_problem: with noise alone in its covariance;
-    reserve_mask (N, M): readings that no decision read; rig_errors: with their sds, as
+    recording: as it was diagnosed, an excerpt of a long one or averages; search: as it ended;
+    baseline, explanation: without effects and with them; noise_problem: with noise alone in its
+    covariance; reserve_mask (N, M): readings that no decision read; rig_errors: with their sds, as
     diagnosis.json has them; baseline_atlas, atlas: of the residuals of both; named_fit: that of the
     explanation, nothing without a name in its covariance; gaps: of every effect, the nearest rival
     first; strengths: SNR of every name at a typical size. parts, steps: of a recording with steps
