@@ -214,6 +214,15 @@ def test_of_names_that_cannot_be_told_apart_the_plainest_speaks():
         }
 
 
+def test_of_causes_that_read_the_same_the_advice_for_one_is_a_first_try():
+    effect = drawn_effect("anisotropy", np.random.default_rng(1))
+    effect |= {"certain": True, "alternatives": []}
+    effect["sentence"] = words.effect_sentence(effect, EFFECTS["anisotropy"])
+    assert opening.INSTEAD in effect["sentence"]
+    text = opening.opening(drawn(0) | {"effects": [effect]}, RECORDED.channels)
+    assert "(or what reads the same, below); to try first: " in text
+
+
 def test_a_small_difference_and_the_errors_of_the_rig_are_said():
     scores = {"rms_before_V": 3.0e-5, "rms_after_V": 2.9e-5}
     document = drawn(0) | {"verdict": "explained", "fit": {"last": scores, "held_out": scores}}

@@ -52,9 +52,10 @@ def opening(diagnosis: dict, channels: np.ndarray) -> str:
     certain, candidates = findings(diagnosis)
     if certain:
         sentence = certain[0]["sentence"]
-        or_else = " (or what reads the same, below)" if INSTEAD in sentence else ""
         mark = ";" if ": " in _bare(sentence) else ":"
-        return f"{_bare(sentence)}{or_else}{mark} {_advice(certain[0], channels)}."
+        if INSTEAD in sentence:
+            mark = " (or what reads the same, below); to try first:"
+        return f"{_bare(sentence)}{mark} {_advice(certain[0], channels)}."
     trial_text = ""
     if candidates:
         trial_text = f"to try first: {_advice(plainest(candidates[0]), channels)}."
