@@ -11,7 +11,7 @@ from eitskin.diagnose.fitting.held_out import folds
 from eitskin.diagnose.noise.noise_model import NoiseModel
 from eitskin.diagnose.search import far_starts, growth, proposals, refits
 from eitskin.diagnose.search.catalogue import Conditions, catalogue
-from eitskin.diagnose.search.gates import DISTINCT, EVIDENCE
+from eitskin.diagnose.search.gates import AGAIN, DISTINCT, EVIDENCE
 from eitskin.diagnose.search.journal import Refusal
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.verdict.gaps import gaps
@@ -84,6 +84,17 @@ def test_where_a_sheet_is_right_no_body_is_worth_its_name():
     assert growth._as_body(search, sheet) is None
     refused = [d for d in search.journal.decisions if not EVIDENCE.admits(d.value)]
     assert EVIDENCE.name in {d.gate for d in refused}
+
+
+def test_a_body_far_behind_is_not_tried_beside_further_effects():
+    search = search_of(untouched())
+    search, sheet = refits.calibrated(search)
+    names = {s.candidate.name for s in proposals._far(search, sheet, [])}
+    assert "third-dimension" in names
+    for lack, is_tried in ((AGAIN.threshold - 1.0, True), (AGAIN.threshold + 1.0, False)):
+        search.cache.lacks["third-dimension"] = lack
+        tried = {s.candidate.name for s in proposals._far(search, sheet, [])}
+        assert tried == names - (set() if is_tried else {"third-dimension"})
 
 
 def test_a_touched_skin_of_unknown_height_has_no_body_among_its_candidates():

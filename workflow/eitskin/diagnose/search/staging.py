@@ -305,6 +305,7 @@ def _with_families(search: Search) -> Search:
     if not _takes_families(search, touched=False):
         return search
     families = members(search.candidates)
-    search = replace(search, problem=replace(search.problem, families=families))
+    problem, cache = replace(search.problem, families=families), replace(search.cache, lacks={})
+    search = replace(search, problem=problem, cache=cache)
     every_member = (member for family in families.values() for member in family)
     return without_members_as_candidates(search, every_member)
