@@ -217,7 +217,7 @@ def test_of_names_that_cannot_be_told_apart_the_plainest_speaks():
 def test_of_causes_that_read_the_same_the_advice_for_one_is_a_first_try():
     effect = drawn_effect("anisotropy", np.random.default_rng(1))
     effect |= {"certain": True, "alternatives": [], "parameters": {}}
-    effect["sentence"] = "The skin conducts 2 times as well along 10° as across. Instead it may not."
+    effect["sentence"] = "The skin conducts 2 times as well along as across. Instead it may not."
     text = opening.opening(drawn(0) | {"effects": [effect]}, RECORDED.channels)
     assert "(or what reads the same, below); to try first: " in text
 
