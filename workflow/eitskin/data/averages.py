@@ -5,14 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
+from eitskin.data.check.measures import NORMAL
 from eitskin.data.recording import Recording
 from eitskin.data.subset import of_frames
 
 LEAST_FRAMES = 4  # of an average: of fewer hardly one stands out
-OUTLYING = (
-    8.0  # standard deviations from the median of its block: beyond chance in short blocks too
-)
-NORMAL_SD = 1.4826  # of the normal distribution, over its median absolute deviation
+OUTLYING = 8.0  # standard deviations from a block's median: beyond chance in short blocks too
 
 
 def averages(recorded: Recording, count: int) -> Recording:
@@ -48,7 +46,7 @@ def averages(recorded: Recording, count: int) -> Recording:
 def _block_means(values: np.ndarray, blocks: list[np.ndarray]) -> np.ndarray:
     """(B, M): means of values (N, M) over blocks of rows, without outliers."""
     deviations = [np.abs(values[block] - _median(values[block])) for block in blocks]
-    spread = NORMAL_SD * _median(np.concatenate(deviations))
+    spread = NORMAL * _median(np.concatenate(deviations))
     limit = OUTLYING * np.fmax(spread, np.nanmedian(spread))
     plain = [
         np.where(deviation <= limit, values[block], np.nan)
