@@ -94,14 +94,16 @@ def test_many_untouched_frames_with_a_gross_misfit_are_averaged():
     """But for readings in a converter's steps, which averages would hide."""
     frames = draw("dense:8 adjacent", 910_001).recorded
     with pytest.raises(staging.FewerFrames) as fewer:
-        staging.prepared(frames, 1)
+        staging.searched(frames, staging.prepared(frames, 1)[1], 1)
     assert fewer.value.are_averages and fewer.value.frames == staging.AVERAGES
     part = averages(frames, fewer.value.frames)
     _, search, _ = staging.prepared(part, 1)
     assert search.problem.families and len(search.problem.readings) == staging.AVERAGES
     step = 20.0 * search.problem.whitening.sd.max()
     coarse = replace(frames, voltage=step * (frames.readings / step).round())
-    assert staging.prepared(coarse, 1)[1].converter_step == pytest.approx(step)
+    _, search, _ = staging.prepared(coarse, 1)
+    assert search.converter_step == pytest.approx(step)
+    staging._refuse_many_untouched(search)
 
 
 @pytest.mark.long

@@ -37,7 +37,7 @@ from eitskin.diagnose.search.refits import (
     settled,
     without_discrepancy,
 )
-from eitskin.diagnose.search.search import Search
+from eitskin.diagnose.search.search import Cache, Search
 from eitskin.diagnose.search.starting_point import StartingPoint
 from eitskin.effects.effect import Setting
 from eitskin.effects.settings import site_counts
@@ -70,7 +70,7 @@ def prepared(
 ) -> tuple[NoiseModel, Search, np.ndarray]:
     """The noise of a recording; the search of its whole catalogue, which has not run; and the mask
     (N, M) of the reserve, chosen before anything is looked at. Raises InputError where nothing can
-    be simulated, FewerFrames where averages or an excerpt are to be searched in its place."""
+    be simulated."""
     reserve_mask = draw_reserve_mask(recording, seed)
     noise, problem, scales = noise_and_problem(recording, reserve_mask)
     model = problem.model
@@ -98,9 +98,6 @@ def prepared(
         journal=journal,
     )
     if not (conditions.touched or model.difference):
-        fewer = _fewer_frames(search, touched=False)
-        if fewer is not None and _misfit(search):
-            raise fewer
         search = _with_families(search)
     return noise, search, reserve_mask
 
@@ -115,7 +112,8 @@ def searched(
 ) -> tuple[Outcome, bool]:
     """The outcome of a search of a recording, begun where it is cheapest, and whether a stage of it
     was cut short; stated: effects with which it begins where these explain the recording. Raises
-    FewerFrames where an excerpt is to be searched in its place."""
+    FewerFrames where averages or an excerpt are to be searched in its place."""
+    _refuse_many_untouched(search)
     stated_start = _at_stated(search, stated) if stated else None
     if stated_start is not None:
         return grown(*stated_start), False
@@ -274,6 +272,18 @@ def _takes_families(search: Search, touched: bool) -> bool:
     return len(search.problem.readings) <= _family_frames(search, touched)
 
 
+def _refuse_many_untouched(search: Search) -> None:
+    """Raise FewerFrames where nobody touches, averages or an excerpt are less, and the misfit is
+    that of a skin that is a little wrong at every site."""
+    model = search.problem.model
+    if model.touched.any() or model.difference:
+        return
+    fewer = _fewer_frames(search, touched=False)
+    problem = replace(search.problem, families={})
+    if fewer is not None and _misfit(replace(search, problem=problem, cache=Cache())):
+        raise fewer
+
+
 def _fewer_frames(search: Search, touched: bool) -> FewerFrames | None:
     """What is to be searched in place of a recording that is a little wrong at every site, where
     that is less: averages, or an excerpt of as many frames as families are fitted to. A converter's
@@ -289,7 +299,8 @@ def _fewer_frames(search: Search, touched: bool) -> FewerFrames | None:
 
 def _family_frames(search: Search, touched: bool) -> int:
     """The number of frames to which the families of a catalogue are fitted; 0 where it has none."""
-    families, channels = members(search.candidates), search.problem.readings.shape[1]
+    families = search.problem.families or members(search.candidates)
+    channels = search.problem.readings.shape[1]
     return most_frames(families, channels, touched) if families else 0
 
 
