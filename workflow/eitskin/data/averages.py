@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from eitskin.data.check.measures import NORMAL
+from eitskin.data.check.measures import NORMAL, column_statistic
 from eitskin.data.recording import Recording
 from eitskin.data.subset import of_frames
 
@@ -45,8 +45,11 @@ def averages(recorded: Recording, count: int) -> Recording:
 
 def _block_means(values: np.ndarray, blocks: list[np.ndarray]) -> np.ndarray:
     """(B, M): means of values (N, M) over blocks of rows, without outliers."""
-    deviations = [np.abs(values[block] - _median(values[block])) for block in blocks]
-    spread = NORMAL * _median(np.concatenate(deviations))
+    medians = [column_statistic(np.nanmedian, values[block]) for block in blocks]
+    deviations = [
+        np.abs(values[block] - median) for block, median in zip(blocks, medians, strict=True)
+    ]
+    spread = NORMAL * column_statistic(np.nanmedian, np.concatenate(deviations))
     limit = OUTLYING * np.fmax(spread, np.nanmedian(spread))
     plain = [
         np.where(deviation <= limit, values[block], np.nan)
@@ -55,9 +58,3 @@ def _block_means(values: np.ndarray, blocks: list[np.ndarray]) -> np.ndarray:
     counts = np.array([np.isfinite(rows).sum(axis=0) for rows in plain])
     sums = np.array([np.nansum(rows, axis=0) for rows in plain])
     return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
-
-
-def _median(rows: np.ndarray) -> np.ndarray:
-    """(M,): the median of each column, NaN where all of it is lost."""
-    is_lost = np.isnan(rows).all(axis=0)
-    return np.where(is_lost, np.nan, np.nanmedian(np.where(is_lost, 0.0, rows), axis=0))

@@ -257,7 +257,7 @@ def noise(recording: Recording) -> Noise | None:
 def successive_noise(differences: np.ndarray) -> np.ndarray:
     """(M,): sd of each channel's noise from successive differences (K, M), as in `noise`; NaN
     without any."""
-    return NORMAL * _column_statistic(np.nanmedian, np.abs(differences)) / np.sqrt(2.0)
+    return NORMAL * column_statistic(np.nanmedian, np.abs(differences)) / np.sqrt(2.0)
 
 
 def channel_noise(values: np.ndarray) -> np.ndarray:
@@ -336,8 +336,8 @@ def drift(recording: Recording) -> Drift | None:
     if len(untouched_readings) < 2:
         return None
     n_frames = max(1, len(untouched_readings) // 10)
-    early_level = _column_statistic(np.nanmean, untouched_readings[:n_frames])
-    late_level = _column_statistic(np.nanmean, untouched_readings[-n_frames:])
+    early_level = column_statistic(np.nanmean, untouched_readings[:n_frames])
+    late_level = column_statistic(np.nanmean, untouched_readings[-n_frames:])
     is_usable = np.isfinite(early_level) & np.isfinite(late_level) & (early_level != 0)
     noise_sd = channel_noise(untouched_readings)[is_usable]
     early_level, late_level = early_level[is_usable], late_level[is_usable]
@@ -404,10 +404,10 @@ def untouched_readings(values: np.ndarray, recording: Recording) -> np.ndarray:
         rows = np.linspace(0, len(values) - 1, min(len(values), MAX_FRAMES)).astype(int)
         return values[rows]
     untouched = ~recording.frames["touch"].to_numpy(dtype=bool)
-    return _column_statistic(np.nanmean, values[untouched])[None]
+    return column_statistic(np.nanmean, values[untouched])[None]
 
 
-def _column_statistic(statistic: Callable, values: np.ndarray) -> np.ndarray:
+def column_statistic(statistic: Callable, values: np.ndarray) -> np.ndarray:
     """A statistic of each column (M,), NaN for a column without readings."""
     column_values = np.full(values.shape[1], np.nan)
     has_readings = np.isfinite(values).any(axis=0)
