@@ -397,6 +397,14 @@ def _states(frames: pd.DataFrame) -> pd.DataFrame:
     return states.astype({c: float for c in columns if c != "touch"})
 
 
+def has_lengths(recording: Recording) -> bool:
+    """Whether some length is known, by which a radius that is not stated can be told: of the skin
+    that its owner states, or of touches. Without one readings are the same at every scale."""
+    skin = recording.skin
+    stated = skin.radius_mm, skin.thickness_mm, skin.electrode_width_mm or None
+    return bool(recording.frames.touch.any()) or any(length is not None for length in stated)
+
+
 def beliefs(recording: Recording) -> tuple[Skin, list[Calibration]]:
     """The skin as stated, with starts for what is not, and the calibrations."""
     skin, metadata = laid_out(recording.skin), recording.metadata
@@ -412,6 +420,7 @@ def beliefs(recording: Recording) -> tuple[Skin, list[Calibration]]:
             unit = {"radius_mm": "mm", "thickness_mm": "mm", "contrast_per_N": "1/N"}
             values[key] = value
             unneeded = key == "contact_impedivity_ohm_m2" and skin.electrode_width_mm == 0
+            unneeded |= key == "radius_mm" and not has_lengths(recording)
             if not unneeded and not (key == "contrast_per_N" and not recording.frames.touch.any()):
                 calibrations.append(Calibration(key, unit.get(key, "Ω·m²"), value, width))
     radius = skin.radius_mm or values["radius_mm"]

@@ -317,7 +317,8 @@ class Tangents:
             laws = self._laws(candidate, index)
             if laws is not None:
                 return self._law_change(candidate, *laws)
-        if candidate.effect.disc:
+        patches = self.problem.model.geometry(self.calibration, self.settings).patches
+        if candidate.effect.disc and len(patches) < 2:  # beside several no touch is solved
             return self._patch_change(candidate)
         step = np.zeros(candidate.size)
         step[index] = STEP

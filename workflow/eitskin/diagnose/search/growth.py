@@ -131,7 +131,8 @@ def grown(search: Search, calibration: Explanation, begin: Explanation | None = 
     if unlike:
         search.journal.step(UNLIKE_STEP, None, calibration)
         return search, calibration, calibration
-    grown_set = _grown_and_stood(search, _as_body(search, explanation) or explanation)
+    begun = _with_objects(search, _as_body(search, explanation) or explanation)
+    grown_set = _grown_and_stood(search, begun)
     best = _without_freedom(search, explanation, grown_set)
     # What is unfinished has not lost to free channels.
     free = None if search.spent else _with_free_channels(search, explanation)
@@ -218,6 +219,20 @@ def _as_body(search: Search, explanation: Explanation) -> Explanation | None:
     trial = trial.with_p_values({**explanation.p_values, new.key: p_value})
     search.journal.step("add", new, trial, p_value)
     return trial
+
+
+def _with_objects(search: Search, explanation: Explanation) -> Explanation:
+    """An explanation with the objects in a skin that is a little wrong everywhere, where nobody
+    touches, before any other name: families, and effects at many sites, take what objects do; an
+    object takes nothing of theirs."""
+    objects = [c for c in search.candidates if c.effect.disc]
+    if not (objects and search.problem.families):
+        return explanation
+    draw_null(search, linearised(search, explanation))
+    branch = replace(search, candidates=objects, cache=search.cache.branch())
+    grown_set = _grow(branch, explanation)
+    search.cache.adopt(branch.cache)
+    return grown_set
 
 
 def _rival(
