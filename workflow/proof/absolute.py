@@ -19,7 +19,7 @@ from eitskin.data.reading import read
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.compare.objects import NAME
 from eitskin.diagnose.verdict.conclusion import document
-from proof.dense import NEAR, rate
+from proof.dense import near_and_stray, rate
 from proof.markdown import table
 from proof.objects import ROD, TEN, Case, answer, cases, judged
 
@@ -79,15 +79,11 @@ def places(case: Case) -> list[tuple[float, float, bool]]:
 def scored(entry: dict) -> dict:
     """A frame's row, its objects counted by where they are.
 
-    near: truths with an object of their sign within NEAR; stray: objects with no truth within NEAR.
+    near: truths with an object of their sign within NEAR; stray: objects with no truth there.
     """
     named = [(complex(o["x"], o["y"]), o["contrast"] > 1.0) for o in entry["objects"]]
     truth = [(complex(x, y), conducts) for x, y, conducts in entry["truth"]]
-    near = [
-        any(abs(place - at) <= NEAR and sign is conducts for place, sign in named)
-        for at, conducts in truth
-    ]
-    stray = [all(abs(place - at) > NEAR for at, _ in truth) for place, _ in named]
+    near, stray = near_and_stray(named, truth)
     last = entry["last"]
     return {
         "frame": entry["case"],

@@ -18,19 +18,25 @@ from eitskin.diagnose import diagnosis
 from eitskin.diagnose.verdict.conclusion import document
 from proof.intervals import wilson
 from proof.markdown import table
-from witness.dense import ENDINGS, PRESSED, PROTOCOLS, Dense, draw
+from witness.dense import ENDINGS, OBJECTS, PRESSED, PROTOCOLS, Dense, draw
 
 FIRST_SEED = 910_001  # none of these had been drawn before the families were written
 FIRST_PRESSED_SEED = 920_001  # nor of these
+FIRST_OBJECTS_SEED = 930_001  # nor of these before objects came before other names
+Disc = tuple[complex, bool]  # place in shares of the radius, and whether it conducts better
+PLANS = ("untouched", "pressed", "objects")
 NEAR = 0.14  # of the radius: a grid step of the scans with which objects are usually sought
 NAMED_SHARE = 0.2  # of the misfit, from which on a family ought to be told
 WITHIN = 1.5  # of the rms of the values drawn: a size that is right
 
 
-def trials(count: int, pressed: bool = False) -> list[tuple[str, int]]:
-    """Kinds and seeds of the first recordings of the plan, protocols and endings in turn; pressed:
-    of skins that are touched."""
-    if pressed:
+def trials(count: int, plan: str = PLANS[0]) -> list[tuple[str, int]]:
+    """Kinds and seeds of the first recordings of a plan, protocols and endings in turn: untouched;
+    pressed, of skins that are touched; or objects, of several objects each."""
+    if plan == "objects":
+        kinds = [f"dense:{protocol}{OBJECTS}" for protocol in PROTOCOLS]
+        return [(kinds[2 * k % len(kinds)], FIRST_OBJECTS_SEED + k) for k in range(count)]
+    if plan == "pressed":
         kinds = [f"{PRESSED}{p}{e}" for e in ENDINGS if e != " object" for p in PROTOCOLS]
         return [(kinds[7 * k % len(kinds)], FIRST_PRESSED_SEED + k) for k in range(count)]
     kinds = [f"dense:{protocol}{ending}" for ending in ENDINGS for protocol in PROTOCOLS]
@@ -59,6 +65,7 @@ def row(kind: str, seed: int) -> dict:
             for effect in content["effects"]
         ],
         "families": content.get("families", []),
+        **{f"assumed_{key}": value for key, value in content.get("assumed", {}).items()},
         "last": content["fit"].get("last"),
         "error_V": errors,
         "truth": _truth(drawn),
@@ -93,7 +100,8 @@ def scores(rows: list[dict]) -> list[tuple[str, str, int]]:
         for f in r["families"]
         if f["share"] >= NAMED_SHARE and f["name"] in r["truth"]["rms"]
     ]
-    objects = [_finds_object(r) for r in rows if r["truth"]["objects"]]
+    near = [_objects(r)[0] for r in rows if r["truth"]["objects"]]
+    stray = [any(_objects(r)[1]) for r in rows if r["truth"]["objects"]]
     false_objects = [
         any(e["name"] == "conductivity-patch" for e in r["effects"])
         for r in rows
@@ -114,7 +122,12 @@ def scores(rows: list[dict]) -> list[tuple[str, str, int]]:
         ("sizes of families of share 20 % or more within 1.5 times", *rate(sizes)),
         ("culprits that stand out by 8 or more: site and name", *rate(culprits)),
         ("recordings with a false culprit, certain", *rate(false_sites)),
-        ("objects within 14 % of the radius", *rate(objects)),
+        (
+            "recordings with objects: one within 14 % of the radius, of its sign",
+            *rate([any(n) for n in near]),
+        ),
+        ("the same: all of them", *rate([all(n) for n in near])),
+        ("the same: one elsewhere", *rate(stray)),
         ("recordings without an object: one named", *rate(false_objects)),
         ("processor seconds, median", f"{np.median(seconds):.0f}", len(seconds)),
         ("processor seconds, largest", f"{max(seconds):.0f}", len(seconds)),
@@ -130,18 +143,32 @@ def rate(hits: list[bool]) -> tuple[str, int]:
     return f"{sum(hits)} of {len(hits)}, {share}", len(hits)
 
 
-def _finds_object(entry: dict) -> bool:
-    places = [
-        complex(*(e["parameters"][key]["value"] for key in ("x_mm", "y_mm")))
+def near_and_stray(named: list[Disc], truth: list[Disc]) -> tuple[list[bool], list[bool]]:
+    """Of each true object, whether one of its sign is named within NEAR; of each that is named,
+    whether none is there."""
+    near = [
+        any(abs(place - at) <= NEAR and sign is conducts for place, sign in named)
+        for at, conducts in truth
+    ]
+    return near, [all(abs(place - at) > NEAR for at, _ in truth) for place, _ in named]
+
+
+def _objects(entry: dict) -> tuple[list[bool], list[bool]]:
+    """`near_and_stray` of a row; lengths in mm are shares of the radius that was taken."""
+    true_mm = entry["truth"]["radius_mm"]
+    radius_mm = entry.get("assumed_radius_mm", true_mm)
+    named = [
+        {key: value["value"] for key, value in e["parameters"].items()}
         for e in entry["effects"]
         if e["name"] == "conductivity-patch"
     ]
-    truths = [
-        complex(law["parameters"]["x_mm"], law["parameters"]["y_mm"])
-        for law in entry["truth"]["objects"]
-    ]
-    limit = NEAR * entry["truth"]["radius_mm"]
-    return any(abs(place - truth) <= limit for place in places for truth in truths)
+    truth = [law["parameters"] for law in entry["truth"]["objects"]]
+    return near_and_stray([_disc(v, radius_mm) for v in named], [_disc(v, true_mm) for v in truth])
+
+
+def _disc(values: dict, radius_mm: float) -> Disc:
+    place = complex(values["x_mm"], values["y_mm"]) / radius_mm
+    return place, values["contrast"] > 1.0
 
 
 def _finds_culprit(entry: dict, culprit: dict) -> bool:
@@ -163,12 +190,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m proof.dense")
     parser.add_argument("folder", type=Path)
     parser.add_argument("--count", type=int, default=20)
-    parser.add_argument("--pressed", action="store_true", help="skins that are touched")
+    parser.add_argument("--plan", choices=PLANS, default=PLANS[0])
     parser.add_argument("--only-table", action="store_true")
     arguments = parser.parse_args()
     arguments.folder.mkdir(parents=True, exist_ok=True)
     rows = []
-    for kind, seed in trials(arguments.count, arguments.pressed):
+    for kind, seed in trials(arguments.count, arguments.plan):
         path = arguments.folder / f"{kind.replace(':', '-').replace(' ', '-')}-{seed}.json"
         if not path.exists():
             if arguments.only_table:

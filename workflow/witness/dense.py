@@ -24,6 +24,7 @@ from witness.world import World
 
 PROTOCOLS = ("8 adjacent", "16 adjacent", "16 opposite", "16 skip-3", "32 adjacent")
 ENDINGS = ("", " member", " members", " object")  # what stands out
+OBJECTS = " objects"  # an ending that is no turn of ENDINGS: several objects, apart
 PRESSED = "pressed:"  # instead of dense:, where the skin is touched; without objects
 PRESSED_FRAMES = (60, 200)
 # Ranges of the families' sds: 1, degrees, logarithms, share of the radius of a harmonic.
@@ -42,6 +43,7 @@ GAIN_CAP, PITCH_CAP, CONTACT_CAP = 0.5, 0.4, np.log(100.0)
 LEAST_GAP = 0.15  # of the pitch, between neighbouring electrodes
 RADII, REACH = (0.12, 0.22), 0.7  # of objects, and of their places, shares of the skin's radius
 CONTRASTS = (0.05, 20.0)  # insulating and conducting objects
+OBJECT_COUNTS, OBJECT_GAP = (2, 3, 4), 0.1  # of OBJECTS; the gap between them in radii of the skin
 LEVELS = (1e-5, 1e-3)  # of the noise over the median |v|
 FRAMES = (1, 30)
 CULPRITS = ("electrode-position", "contact-impedance", "drive-gain", "measurement-gain")
@@ -66,12 +68,12 @@ class Dense:
 
 
 def draw(kind: str, seed: int) -> Dense:
-    """One recording. kind: dense: or PRESSED, one of PROTOCOLS and one of ENDINGS. Raises
-    InputError for another."""
+    """One recording. kind: dense: or PRESSED, one of PROTOCOLS and one of ENDINGS or OBJECTS.
+    Raises InputError for another."""
     pressed = kind.startswith(PRESSED)
     electrodes, _, rest = kind.removeprefix(PRESSED if pressed else "dense:").partition(" ")
     protocol, _, ending = rest.partition(" ")
-    endings = [e for e in ENDINGS if not (pressed and e == " object")]
+    endings = [e for e in (*ENDINGS, OBJECTS) if not (pressed and e.startswith(" object"))]
     if f"{electrodes} {protocol}" not in PROTOCOLS or f" {ending}".rstrip() not in endings:
         expected = f"dense: or {PRESSED}, one of {', '.join(PROTOCOLS)} and one of"
         raise InputError("dense", "kind", repr(kind), f"{expected} {', '.join(endings)}")
@@ -84,6 +86,8 @@ def draw(kind: str, seed: int) -> Dense:
         if _fits(believed, families):
             break
     objects = [_object(rng, believed)] if ending == "object" else []
+    if f" {ending}" == OBJECTS:
+        objects = _objects(rng, believed)
     memory = log_uniform(rng, *MEMORY)
     laws = [*_laws(families, believed), *objects]
     laws.append({"name": "multiplexer-memory", "parameters": {"mu": memory}})
@@ -174,6 +178,24 @@ def _fits(skin: Skin, families: dict[str, np.ndarray]) -> bool:
     )
     gaps = np.diff(np.r_[deg, deg[0] + 360.0]) - half - np.roll(half, -1)
     return bool(gaps.min() > LEAST_GAP * 360.0 / len(deg))
+
+
+def _objects(rng: np.random.Generator, skin: Skin) -> list[dict]:
+    """Several discs, apart from one another."""
+    assert skin.radius_mm is not None
+    objects: list[dict] = []
+    count = rng.choice(OBJECT_COUNTS)
+    while len(objects) < count:
+        new = _object(rng, skin)
+        if all(_gap_mm(new, other) > OBJECT_GAP * skin.radius_mm for other in objects):
+            objects.append(new)
+    return objects
+
+
+def _gap_mm(a: dict, b: dict) -> float:
+    a, b = a["parameters"], b["parameters"]
+    distance = np.hypot(a["x_mm"] - b["x_mm"], a["y_mm"] - b["y_mm"])
+    return float(distance - a["radius_mm"] - b["radius_mm"])
 
 
 def _object(rng: np.random.Generator, skin: Skin) -> dict:

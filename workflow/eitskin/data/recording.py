@@ -171,6 +171,14 @@ def largest_force_N(recording: Recording) -> float:
     return float(recording.frames["force_N"].fillna(0.0).max())
 
 
+def has_lengths(recording: Recording) -> bool:
+    """Whether a length is known that tells how large the skin is: of it, or of its touches. Without
+    one, readings are the same at every scale."""
+    skin = recording.skin
+    lengths = skin.radius_mm, skin.thickness_mm, skin.electrode_width_mm or None, skin.rim
+    return bool(recording.frames["touch"].any()) or any(length is not None for length in lengths)
+
+
 def presses(recording: Recording) -> np.ndarray:
     """(N,) int: number of the press that each touched frame belongs to, -1 where untouched.
 

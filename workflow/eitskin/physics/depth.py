@@ -425,7 +425,6 @@ class DepthForward(Forward):
         self.heights = heights
         if heights is not None:
             self._expand(donor)
-        self._relax_electrodes(self.electrodes.matrix)
 
     def _expand(self, donor: Forward | None) -> None:
         """Set the electrodes and the efforts of a body."""

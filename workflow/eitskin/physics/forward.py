@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import chain, starmap
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -168,6 +168,21 @@ class ContactModes(TouchModes):
         return self.contact_impedance + super().impedance_change(contrast)
 
 
+class RelaxedModes(NamedTuple):
+    """The inner modes of all electrodes, which take least power for the whole currents.
+
+    whole (n,), inner (I,): places of either in the modes; factor: Cholesky's, of the inner modes'
+    power, None without such; currents (I, n): of the inner modes for unit whole currents; relative
+    (n, n): power of the whole currents, the Schur complement, that is the transfer impedance.
+    """
+
+    whole: np.ndarray
+    inner: np.ndarray
+    factor: tuple[np.ndarray, bool] | None
+    currents: np.ndarray
+    relative: np.ndarray
+
+
 class Forward:
     """A skin of one geometry, ready to be touched. accuracy: a name of ACCURACIES, or an Accuracy.
 
@@ -194,7 +209,6 @@ class Forward:
         """`donor`: a solved skin, whose parts that depend on rim and electrodes alone are shared
         where they agree."""
         self._place(geometry, accuracy, donor)
-        self._relax_electrodes(self.electrodes.matrix)
 
     def _place(
         self, geometry: Geometry, accuracy: str | Accuracy, donor: "Forward | None" = None
@@ -227,32 +241,37 @@ class Forward:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of the factor of the electrodes' inner modes."""
-        return 8 * len(self._inner) ** 2
+        """Bytes of the factor of the electrodes' inner modes, which need not be there yet."""
+        return 8 * (self.electrodes.n * (self.electrodes.order - 1)) ** 2
 
-    def _relax_electrodes(self, matrix: np.ndarray) -> None:
-        """Set the transfer impedance: the Schur complement of `matrix` (size, size) on the
-        electrodes' whole currents, which the inner modes take at least power."""
-        n = self.electrodes.n
+    @property
+    def power_matrix(self) -> np.ndarray:
+        """(size, size): power of the currents in the electrodes' modes. Computed on every call."""
+        return self.electrodes.matrix
+
+    @cached_property
+    def relaxed(self) -> "RelaxedModes":
+        """The electrodes' inner modes as the whole currents have them; a skin that lends its parts
+        alone never computes them. Raises InputError for contacts too good to be resolved."""
+        matrix, whole = self.power_matrix, self.electrodes.whole
         is_inner = np.ones(len(matrix), dtype=bool)
-        is_inner[self.electrodes.whole] = False
-        self._whole, self._inner = self.electrodes.whole, np.flatnonzero(is_inner)
-        self._inner_factor: tuple[np.ndarray, bool] | None = None
-        self._inner_currents = np.zeros((0, n))
-        self._relative = matrix[np.ix_(self._whole, self._whole)]
-        if len(self._inner):
-            coupling = matrix[np.ix_(self._inner, self._whole)]
-            inner = matrix[np.ix_(self._inner, self._inner)]
-            del matrix  # as large as its factor
-            try:
-                self._inner_factor = cho_factor(inner, check_finite=False)
-            except np.linalg.LinAlgError:
-                expected = "poorer contacts, or a finer accuracy than this"
-                actual = self.geometry.contact_impedivity_ohm_m2.min()
-                raise InputError("skin", "contact_impedivity_ohm_m2", actual, expected) from None
-            self._inner_currents = -cho_solve(self._inner_factor, coupling, check_finite=False)
-            self._relative = self._relative + coupling.T @ self._inner_currents
-            self._relative = 0.5 * (self._relative + self._relative.T)
+        is_inner[whole] = False
+        inner = np.flatnonzero(is_inner)
+        relative = matrix[np.ix_(whole, whole)]
+        if not len(inner):
+            return RelaxedModes(whole, inner, None, np.zeros((0, self.electrodes.n)), relative)
+        coupling = matrix[np.ix_(inner, whole)]
+        inner_matrix = matrix[np.ix_(inner, inner)]
+        del matrix  # as large as its factor
+        try:
+            factor = cho_factor(inner_matrix, check_finite=False)
+        except np.linalg.LinAlgError:
+            expected = "poorer contacts, or a finer accuracy than this"
+            actual = self.geometry.contact_impedivity_ohm_m2.min()
+            raise InputError("skin", "contact_impedivity_ohm_m2", actual, expected) from None
+        currents = -cho_solve(factor, coupling, check_finite=False)
+        relative = relative + coupling.T @ currents
+        return RelaxedModes(whole, inner, factor, currents, 0.5 * (relative + relative.T))
 
     def matches(self, geometry: Geometry, accuracy: Accuracy, modes: int) -> bool:
         """Whether a skin of this geometry can share what depends on rim and electrodes alone."""
@@ -473,26 +492,27 @@ class Forward:
     def _relax(self, coupling: np.ndarray, response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gains (..., n, k) and response (..., k, k) of sources that couple to the electrodes'
         modes by `coupling` (..., size, k), after the electrodes' inner modes have relaxed."""
-        inner = coupling[..., self._inner, :]
-        gains = coupling[..., self._whole, :] + self._inner_currents.T @ inner
-        if self._inner_factor is not None:
-            factor, lower = self._inner_factor
+        modes = self.relaxed
+        inner = coupling[..., modes.inner, :]
+        gains = coupling[..., modes.whole, :] + modes.currents.T @ inner
+        if modes.factor is not None:
+            factor, lower = modes.factor
             trans = 0 if lower else 1
-            columns = np.moveaxis(inner, -2, 0).reshape(len(self._inner), -1)
+            columns = np.moveaxis(inner, -2, 0).reshape(len(modes.inner), -1)
             columns = solve_triangular(
                 factor, columns, trans=trans, lower=lower, check_finite=False
             )
-            shape = (len(self._inner), *inner.shape[:-2], inner.shape[-1])
+            shape = (len(modes.inner), *inner.shape[:-2], inner.shape[-1])
             inner = np.moveaxis(columns.reshape(shape), 0, -2)
             response = response - np.swapaxes(inner, -1, -2) @ inner
         return gains, response
 
     def unit_currents(self) -> np.ndarray:
         """(size, n): currents in the electrodes' modes for a unit current into each electrode."""
-        n = self.electrodes.n
-        currents = np.zeros((len(self._whole) + len(self._inner), n))
-        currents[self._whole, range(n)] = 1.0
-        currents[self._inner] = self._inner_currents
+        n, modes = self.electrodes.n, self.relaxed
+        currents = np.zeros((len(modes.whole) + len(modes.inner), n))
+        currents[modes.whole, range(n)] = 1.0
+        currents[modes.inner] = modes.currents
         return currents
 
     def _solve(self, touches: Sequence[Touch]) -> tuple[np.ndarray, np.ndarray, list, list]:
@@ -503,9 +523,9 @@ class Forward:
             self.edge(touch, clearance)
             for touch, clearance in zip(touches, _clearances(touches), strict=True)
         ]
-        currents = self.unit_currents()
+        currents, modes = self.unit_currents(), self.relaxed
         if not edges:
-            return self._relative, currents, [], []
+            return modes.relative, currents, [], []
         places = [(touch.x_mm, touch.y_mm, touch.radius_mm) for touch in touches]
         currents_within = {
             touch: self.electrodes.covered(place)
@@ -516,7 +536,7 @@ class Forward:
         coupling = np.hstack(
             [*to_electrodes, *(part.coupling for part in currents_within.values())]
         )
-        gains = coupling[self._whole] + self._inner_currents.T @ coupling[self._inner]
+        gains = coupling[modes.whole] + modes.currents.T @ coupling[modes.inner]
         system = np.block([[self._mutual_response(a, b) for b in edges] for a in edges])
         system += block_diag(
             *(edge.mass / touch.contrast for edge, touch in zip(edges, touches, strict=True))
@@ -525,15 +545,15 @@ class Forward:
             mass = np.eye(len(part.response))
             system = block_diag(system, part.response + mass / touch.contrast)
         relaxed = np.zeros((0, coupling.shape[1]))
-        if len(self._inner):
-            relaxed = cho_solve(self._inner_factor, coupling[self._inner])
-            system = system - coupling[self._inner].T @ relaxed
+        if modes.factor is not None:
+            relaxed = cho_solve(modes.factor, coupling[modes.inner])
+            system = system - coupling[modes.inner].T @ relaxed
         multipoles = -np.linalg.solve(system, gains.T)
-        currents[self._inner] -= relaxed @ multipoles
+        currents[modes.inner] -= relaxed @ multipoles
         ends = np.cumsum([len(edge.mass) for edge in edges])
         split = np.split(multipoles, ends)[: len(edges)]
         change = gains @ multipoles
-        return self._relative + 0.5 * (change + change.T), currents, edges, split
+        return modes.relative + 0.5 * (change + change.T), currents, edges, split
 
     def parameters(self, touches: Sequence[Touch] = ()) -> list[str]:
         """Parameter names that `derivatives` accepts; `[l]` counts electrodes, harmonics or

@@ -346,7 +346,12 @@ class PatchForward(Forward):
             self.at_patch = self._at_patch(bare.electrodes)
             change = self._change(bare.electrodes)
         self.change = change
-        self._relax_electrodes(bare.electrodes.matrix + change)
+        vars(self).pop("relaxed", None)  # of the bare skin
+
+    @property
+    def power_matrix(self) -> np.ndarray:
+        """As for Forward, with what the patches change."""
+        return super().power_matrix + self.change
 
     @property
     def patch(self) -> PatchEdge:

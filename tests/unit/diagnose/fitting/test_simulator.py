@@ -1,15 +1,19 @@
-"""A simulator whose touches are moved, against the recording of those touches."""
+"""A simulator whose touches are moved, against the recording of those touches; and the size of a
+skin, which no reading tells where no length is known."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from eitskin.data.subset import of_frames
 from eitskin.diagnose.fitting.readings import problem_of
-from eitskin.diagnose.fitting.simulator import RecordingSimulator
+from eitskin.diagnose.fitting.simulator import UNKNOWN, RecordingSimulator
 from eitskin.diagnose.noise.noise_model import NoiseModel
 from eitskin.errors import InputError
-from small_skin import small_recording
+from eitskin.physics.geometry import Geometry
+from eitskin.physics.solver import forward_model
+from small_skin import SKIN, small_recording
 
 
 @pytest.fixture(scope="module")
@@ -116,3 +120,45 @@ def test_differences_of_unknown_scale_start_from_that_of_touched_frames(recorded
     starts = {c.name: c.start for c in model.calibrations}
     scale = starts["current_A"] / 1e-3 if way else starts["factor"]
     assert np.isclose(scale, 5.0, rtol=0.1)
+
+
+@pytest.mark.parametrize("deep", [{}, {"electrode_height_mm": 4.0, "electrode_z_mm": 10.0}])
+@pytest.mark.parametrize("scale", [0.3, 4.0])
+def test_readings_are_alike_at_every_size(deep, scale):
+    """Of a skin scaled as a whole, contacts too, less the resistance of its material."""
+
+    def impedance(skin):
+        geometry = Geometry.from_skin(skin)
+        return forward_model(replace(geometry, deep=bool(deep)), "train").transfer_impedance()
+
+    lengths = ("radius_mm", "thickness_mm", "electrode_width_mm", "contact_impedivity_ohm_m2")
+    body = replace(SKIN, thickness_mm=20.0, **deep)
+    scaled = {key: scale * getattr(body, key) for key in (*lengths, *deep)}
+    expected = impedance(body)
+    actual = scale * impedance(replace(body, **scaled))
+    np.testing.assert_allclose(actual, expected, atol=1e-6 * np.abs(expected).max())
+
+
+UNSTATED = replace(
+    SKIN, radius_mm=None, thickness_mm=None, electrode_width_mm=None, contact_impedivity_ohm_m2=None
+)
+
+
+@pytest.mark.parametrize(
+    ("stated", "touched", "known"),
+    [
+        ({}, False, False),
+        ({"electrode_width_mm": 0.0}, False, False),  # points have no length
+        ({"electrode_width_mm": 5.0}, False, True),
+        ({"thickness_mm": 3.0}, False, True),
+        ({}, True, True),
+    ],
+)
+def test_a_radius_is_calibrated_where_a_length_tells_it(recorded, stated, touched, known):
+    skin = replace(UNSTATED, **stated).metadata()
+    rows = recorded.frames["touch"].to_numpy(bool) == touched
+    part = of_frames(replace(recorded, metadata={**recorded.metadata, "skin": skin}), rows)
+    model = RecordingSimulator(part)
+    assert ("radius_mm" in [item.name for item in model.calibrations]) is known
+    assert model.is_scaleless is not known
+    assert model.nominal_skin.radius_mm == UNKNOWN["radius_mm"][0]

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from eitskin.data.subset import of_frames
 from eitskin.diagnose.fitting.candidates import is_discrete
 from eitskin.diagnose.fitting.fit import FitLimits, fit
 from eitskin.diagnose.fitting.tangents import MIN_SPREAD, Tangents
@@ -168,3 +169,27 @@ def test_gains_of_all_sites_are_differentiated_together(kind, beside):
     together = Tangents(about).columns(next(c for c in gains if c.scope == "dense"))
     singles = [Tangents(about).columns(c)[0] for c in gains if c.scope == "sparse"]
     assert np.allclose(together, singles, atol=1e-6 * np.abs(singles).max())
+
+
+def test_a_patch_beside_several_has_the_derivative_of_another_patch():
+    recorded = of_frames(RECORDED, ~RECORDED.frames["touch"].to_numpy(bool))
+    problem, scales = problem_of(recorded)
+    patches = [c for c in candidates_of(recorded, problem, scales) if c.effect.disc]
+    first, second, third = (patches[i] for i in (20, 26, 32))
+    contrast = next(i for i, (name, _) in enumerate(first.names) if name == "contrast")
+    fitted = calibrated(problem)
+    strong = np.eye(first.size)[contrast]
+    theta = np.r_[fitted.theta, 2.0 * strong, -2.0 * strong]
+    limits = FitLimits(renewals=0)
+    tangents = Tangents(fit(problem, [first, second], theta, limits=limits))
+    settings = tangents.settings
+    up, down = (
+        problem.model.voltage(
+            tangents.calibration, [*settings, third.setting(side * STEP * strong)]
+        )
+        for side in (1.0, -1.0)
+    )
+    (column,) = [c for c in tangents.raw_columns(third) if c is not None]
+    difference = ((up - down) / (2.0 * STEP)).ravel()
+    np.testing.assert_allclose(column, difference, atol=2e-3 * np.abs(difference).max())
+    assert tangents.raw_columns(first) == [None]  # no skin has a patch on another

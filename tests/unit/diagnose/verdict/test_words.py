@@ -266,3 +266,12 @@ def test_a_size_that_might_be_anything_is_said_to_be_untold(high, told):
     assert ("through 20 (90 %: " in text) == told
     assert ("These readings do not tell its depth." in text) != told
     assert "mm high" in text
+
+
+def test_lengths_are_said_to_be_ratios_where_none_is_known():
+    assert words.size_sentences({}) == []
+    (sentence,) = words.size_sentences({"assumed": {"radius_mm": 80.0}})
+    assert (
+        "No length of the skin is stated" in sentence
+        and f"80{quantities.NO_BREAK}mm radius" in sentence
+    )

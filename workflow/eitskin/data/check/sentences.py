@@ -6,7 +6,7 @@ from eitskin.data.channel_order import ORDERS, Misfit
 from eitskin.data.check import clipping, measures, naming, wiring
 from eitskin.data.check.finding import ERROR, FACT, UNOBSERVABLE, WARNING, Finding
 from eitskin.data.check.missing import HOLD_S, missing_information
-from eitskin.data.recording import Recording
+from eitskin.data.recording import Recording, has_lengths
 from eitskin.physics.outline import EXPECTED, inside_mm, not_simulated
 from eitskin.physics.skin import OPTIONAL, Skin
 from eitskin.quantities import counted, decimal, listed, percent, quantity
@@ -161,13 +161,13 @@ def _inside_text(skin: Skin) -> str:
 def skin(recording: Recording) -> list[Finding]:
     """The stated and the unknown properties of the skin and its wiring."""
     stated_skin = recording.skin
-    rim = stated_skin.rim
+    rim, scaleless = stated_skin.rim, not has_lengths(recording)
     stated_parts, unknown_parts = [], []
     for key, (name, unit) in SKIN.items():
         value = getattr(stated_skin, key)
         if value is not None:
             stated_parts.append(f"{name} {quantity(value, unit)}")
-        elif key not in OPTIONAL and not (rim and key == "radius_mm"):
+        elif key not in OPTIONAL and not (key == "radius_mm" and (rim or scaleless)):
             unknown_parts.append(name)
     if rim:
         stated_parts.append(f"a rim of {quantity(rim.perimeter_mm, 'mm')} in length")
@@ -185,6 +185,8 @@ def skin(recording: Recording) -> list[Finding]:
         clauses.append(f"believed: {', '.join(stated_parts)}")
     if unknown_parts:
         clauses.append(f"not known, so calibrated: {', '.join(unknown_parts)}")
+    if scaleless:
+        clauses.append("no length is stated that would tell its size, so lengths are ratios")
     source = recording.metadata["source_reference"]
     clauses.append(f"the current source is taken as {source}")
     return [_fact("skin", f"{'; '.join(clauses)}.")]

@@ -59,6 +59,14 @@ def calibration(fit: Fitted) -> dict[str, dict]:
     return intervals
 
 
+def assumed(fit: Fitted) -> dict[str, float]:
+    """The radius, mm, that stands for the size of a skin of which no length is known; empty where
+    one is."""
+    model = fit.problem.model
+    radius_mm = model.nominal_skin.radius_mm
+    return {"radius_mm": radius_mm} if model.is_scaleless and radius_mm is not None else {}
+
+
 def estimates(fit: Fitted, index: int) -> dict[str, dict]:
     """Of every parameter of effect `index` by name: value, low, high, unit; at_bound where a value
     is at a bound (low or high, in a list None for neither). Lists have one value a site. Errors

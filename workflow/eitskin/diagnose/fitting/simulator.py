@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from eitskin.data import alignment
-from eitskin.data.recording import Recording, largest_force_N, presses, voltages
+from eitskin.data.recording import Recording, has_lengths, largest_force_N, presses, voltages
 from eitskin.diagnose.fitting.candidates import Candidate
 from eitskin.effects.effect import START, Moment, Setting
 from eitskin.errors import InputError
@@ -85,7 +85,8 @@ class RecordingSimulator:
     base: of a query, the simulator that was fitted, whose skin, calibrations, form, unit and
     largest force it has; solved_skins: a cache to share; known: a skin of which all is known, and
     calibrations that stay at their starts. nominal_skin: the skin as stated, with
-    starts for what is not; calibrations: what is fitted of it, and at last the members of the
+    starts for what is not; is_scaleless: whether its radius is a start that nothing tells, and
+    stays; calibrations: what is fitted of it, and at last the members of the
     families, each at all its sites; member_derivatives (K, N, M): of the readings by the members'
     coordinates about a fit, which fits near it take as they are; states: those of the frames;
     touched, simulable (N,) bool: whether a frame is touched, and whether its touch is stated well
@@ -96,6 +97,7 @@ class RecordingSimulator:
 
     coarse = False
     nominal_skin: Skin
+    is_scaleless: bool
     calibrations: list[Calibration]
     families: tuple[Candidate, ...] = ()
     member_derivatives: np.ndarray | None = None
@@ -132,7 +134,7 @@ class RecordingSimulator:
         self.solved_skins = solved_skins or SolvedSkins()
         if base is not None:
             self.nominal_skin, self.calibrations = base.nominal_skin, base.calibrations
-            self.coarse = base.coarse
+            self.coarse, self.is_scaleless = base.coarse, base.is_scaleless
             self.difference, self.magnitude, self.unit = base.difference, base.magnitude, base.unit
             self.sink_grounded, self.force_max_N = base.sink_grounded, base.force_max_N
             self.frame_s = metadata["frame_s"] or base.frame_s
@@ -146,6 +148,7 @@ class RecordingSimulator:
         self.frame_s = metadata["frame_s"]
         self.timed = metadata["clock"] == "measured"
         self.nominal_skin, self.calibrations = known or beliefs(recording)
+        self.is_scaleless = known is None and not has_lengths(recording)
         if known is None:
             self._start_factor(recording)
 
@@ -395,14 +398,6 @@ def _states(frames: pd.DataFrame) -> pd.DataFrame:
     untouched = ~states["touch"].to_numpy(bool)
     states.loc[untouched, "force_N"] = 0.0
     return states.astype({c: float for c in columns if c != "touch"})
-
-
-def has_lengths(recording: Recording) -> bool:
-    """Whether some length is known, by which a radius that is not stated can be told: of the skin
-    that its owner states, or of touches. Without one readings are the same at every scale."""
-    skin = recording.skin
-    stated = skin.radius_mm, skin.thickness_mm, skin.electrode_width_mm or None
-    return bool(recording.frames.touch.any()) or any(length is not None for length in stated)
 
 
 def beliefs(recording: Recording) -> tuple[Skin, list[Calibration]]:

@@ -24,6 +24,7 @@ from eitskin.diagnose.verdict.words import (
     range_text,
     repair_advice,
     sites_text,
+    size_sentences,
     unlabelled_sentences,
     value_texts,
 )
@@ -93,7 +94,8 @@ def answer(evidence: Evidence, hidden: str) -> str:
     rest = _families(diagnosis.get("families", []))
     if candidates:
         rest.append(_findings("Candidates, to be tried", candidates, evidence))
-    unknown = _unknown_touches(evidence) + opening.unknown_sentences(diagnosis)
+    unknown = [*size_sentences(diagnosis), *_unknown_touches(evidence)]
+    unknown += opening.unknown_sentences(diagnosis)
     experiment = opening.experiment_sentence(diagnosis, evidence.experiment)
     if unknown or experiment:
         rest.append("<h2>What is not known</h2>")

@@ -13,7 +13,7 @@ import numpy as np
 from eitskin.diagnose.fitting.candidates import Candidate
 from eitskin.diagnose.fitting.families import family_name, members
 from eitskin.diagnose.fitting.family_sizes import FamilySizes
-from eitskin.diagnose.fitting.fit import Fit, Problem, fit, renewed_slopes
+from eitskin.diagnose.fitting.fit import Fit, FitLimits, Problem, fit, renewed_slopes
 from eitskin.diagnose.fitting.jacobian import Jacobian
 from eitskin.diagnose.fitting.linearisation import linearised_rig_errors
 from eitskin.diagnose.fitting.simulator import RecordingSimulator
@@ -347,7 +347,7 @@ def without_members(
 
 
 def without_family(fitted: Fit, name: str) -> Fit:
-    """A fit without one of its families, all the rest fitted anew."""
+    """A fit without one of its families, all the rest fitted anew, from its slopes on."""
     model = fitted.problem.model
     families: dict[str, tuple[tuple[Candidate, ...], float]] = {}
     for candidate, place in model.family_slices:
@@ -357,8 +357,15 @@ def without_family(fitted: Fit, name: str) -> Fit:
     derivatives = _typical_derivatives(model)
     families.pop(name)
     reduced = _with_families(model, families, derivatives)
-    start = _with_coordinates(fitted, reduced)
-    return _polished(replace(fitted.problem, model=reduced), fitted.effects, start)
+    start, problem = _with_coordinates(fitted, reduced), replace(fitted.problem, model=reduced)
+    gone = [np.r_[place] for c, place in model.family_slices if family_name(c) == name]
+    jacobian = np.delete(fitted.jacobian, np.concatenate(gone), axis=0)
+    try:
+        return fit(
+            problem, fitted.effects, start, jacobian, polish=True, limits=FitLimits(renewals=1)
+        )
+    except InputError:
+        return _polished(problem, fitted.effects, start)
 
 
 def _polished(problem: Problem, effects: list[Candidate], start: np.ndarray) -> Fit:

@@ -232,6 +232,7 @@ def _with_objects(search: Search, explanation: Explanation) -> Explanation:
     branch = replace(search, candidates=objects, cache=search.cache.branch())
     grown_set = _grow(branch, explanation)
     search.cache.adopt(branch.cache)
+    search.cache.trials.clear()  # of objects alone
     return grown_set
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from threadpoolctl import threadpool_limits
 
 from eitskin import cores
 from eitskin.data import recording as recordings
@@ -41,6 +42,11 @@ class Record:
 def record(diagnosis: Diagnosis, name: str, query: Recording | None = None) -> Record:
     """The record of a diagnosis, for a recording of this name; query: to be predicted. Raises
     InputError for a query with touches of unknown state."""
+    with threadpool_limits(1, user_api="blas"):  # as in `diagnosis.diagnose`
+        return _record(diagnosis, name, query)
+
+
+def _record(diagnosis: Diagnosis, name: str, query: Recording | None) -> Record:
     fitted = diagnosis.explanation.fit
     content = document(diagnosis, name)
     prediction = None if query is None else predict(fitted, diagnosis.recording, query)

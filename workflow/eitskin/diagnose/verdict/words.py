@@ -145,8 +145,21 @@ def all_sentences(diagnosis: dict) -> list[str]:
         lines += [f"{head}:", *paragraph] if head else paragraph
     return [
         *lines,
+        *size_sentences(diagnosis),
         *unlabelled_sentences(diagnosis),
         *bound_sentences(diagnosis["calibration"]),
+    ]
+
+
+def size_sentences(diagnosis: dict) -> list[str]:
+    """What the lengths of a diagnosis.json are, in a sentence, where no length of the skin is
+    known."""
+    if "assumed" not in diagnosis:
+        return []
+    radius = quantity(diagnosis["assumed"]["radius_mm"], "mm")
+    return [
+        f"No length of the skin is stated, and readings are alike at every size: lengths in mm are"
+        f" those of a skin of {radius} radius, and only their ratios count."
     ]
 
 
