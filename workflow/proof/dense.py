@@ -1,9 +1,9 @@
 """How families, culprits and objects of dense recordings are told: `python -m proof.dense FOLDER`.
 
-With --pressed, of skins that are touched. One row a recording of `witness.dense`, written as JSON;
-a second run goes on where the first was. The table has, over everything drawn, how much of the
-misfit of readings put aside is closed, sizes of families against the rms of the values drawn,
-culprits and objects by place, and false ones.
+With --plan pressed, of skins that are touched; with --plan objects, of several objects each. One
+row a recording of `witness.dense`, written as JSON; a second run goes on where the first was. The
+table has, over everything drawn, how much of the misfit of readings put aside is closed, sizes of
+families against the rms of the values drawn, culprits and objects by place, and false ones.
 """
 
 import argparse
@@ -65,10 +65,10 @@ def row(kind: str, seed: int) -> dict:
             for effect in content["effects"]
         ],
         "families": content.get("families", []),
-        **{f"assumed_{key}": value for key, value in content.get("assumed", {}).items()},
+        "scale": content.get("scale"),
         "last": content["fit"].get("last"),
         "error_V": errors,
-        "truth": _truth(drawn),
+        "truth": truth_of(drawn),
     }
 
 
@@ -76,7 +76,7 @@ def _sites(effect: dict) -> list[int]:
     return next((effect[k] for k in ("electrodes", "drives", "measures") if effect[k]), [])
 
 
-def _truth(drawn: Dense) -> dict:
+def truth_of(drawn: Dense) -> dict:
     rms = {name: float(np.sqrt((v**2).mean())) for name, v in drawn.families.items()}
     return {
         "rms": rms,
@@ -100,8 +100,8 @@ def scores(rows: list[dict]) -> list[tuple[str, str, int]]:
         for f in r["families"]
         if f["share"] >= NAMED_SHARE and f["name"] in r["truth"]["rms"]
     ]
-    near = [_objects(r)[0] for r in rows if r["truth"]["objects"]]
-    stray = [any(_objects(r)[1]) for r in rows if r["truth"]["objects"]]
+    near = [objects_of(r)[0] for r in rows if r["truth"]["objects"]]
+    stray = [any(objects_of(r)[1]) for r in rows if r["truth"]["objects"]]
     false_objects = [
         any(e["name"] == "conductivity-patch" for e in r["effects"])
         for r in rows
@@ -153,10 +153,10 @@ def near_and_stray(named: list[Disc], truth: list[Disc]) -> tuple[list[bool], li
     return near, [all(abs(place - at) > NEAR for at, _ in truth) for place, _ in named]
 
 
-def _objects(entry: dict) -> tuple[list[bool], list[bool]]:
+def objects_of(entry: dict) -> tuple[list[bool], list[bool]]:
     """`near_and_stray` of a row; lengths in mm are shares of the radius that was taken."""
     true_mm = entry["truth"]["radius_mm"]
-    radius_mm = entry.get("assumed_radius_mm", true_mm)
+    radius_mm = (entry.get("scale") or {"radius_mm": true_mm})["radius_mm"]
     named = [
         {key: value["value"] for key, value in e["parameters"].items()}
         for e in entry["effects"]

@@ -6,21 +6,25 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from diagnosed_skin import SCHEMA
 from eitskin.data.subset import of_frames
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.fitting.family_sizes import LARGEST_LOG_SD, FamilySizes
 from eitskin.diagnose.fitting.fit import fit
 from eitskin.diagnose.fitting.query import predict
+from eitskin.diagnose.fitting.simulator import UNKNOWN
 from eitskin.diagnose.noise.noise_model import NORMAL_90
 from eitskin.diagnose.noise.single_frame import beside_gains
 from eitskin.diagnose.search import families, staging
 from eitskin.diagnose.verdict import corrected
 from eitskin.diagnose.verdict.conclusion import document
+from eitskin.diagnose.verdict.validation import validate
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
 from eitskin.physics.solver import forward_model
+from proof.dense import near_and_stray, objects_of, truth_of
 from small_skin import small_recording
 from witness.dense import draw
 
@@ -170,16 +174,22 @@ def test_families_are_learned_again_beside_an_effect():
 
 
 @pytest.mark.long
-def test_an_object_is_found_in_a_dense_world_without_a_reference():
-    drawn = draw("dense:16 adjacent object", 1)
+def test_where_there_is_no_object_other_names_are_tried():
+    """Trials of objects come first, and are not taken for those of every name."""
+    content = document(diagnosis.diagnose(draw("dense:16 adjacent", 910_004).recorded), "dense")
+    assert [e["name"] for e in content["effects"] if e["certain"]] == ["multiplexer-memory"]
+    assert "scale" not in content
+
+
+@pytest.mark.long
+def test_several_objects_are_found_in_a_skin_of_unknown_size_without_a_reference():
+    drawn = draw("dense:16 opposite objects", 930_002)
     content = document(diagnosis.diagnose(drawn.recorded), "dense")
+    validate(content, SCHEMA, "diagnosis.json")
     assert content["noise"]["frames_each"] == len(drawn.recorded.frames) / staging.AVERAGES
-    (patch,) = [e for e in content["effects"] if e["name"] == "conductivity-patch"]
-    truth = drawn.objects[0]["parameters"]
-    distance = np.hypot(
-        *(patch["parameters"][key]["value"] - truth[key] for key in ("x_mm", "y_mm"))
-    )
-    assert distance < 0.02 * drawn.true.radius_mm and patch["certain"]
+    assert content["scale"] == {"radius_mm": UNKNOWN["radius_mm"][0]}
+    near, stray = objects_of(content | {"truth": truth_of(drawn)})
+    assert near == [True] * 4 and stray == [False] * 4
 
 
 def test_the_witness_of_dense_recordings_is_the_same_bit_for_bit():
@@ -206,3 +216,10 @@ def test_a_fit_begins_elsewhere_where_electrodes_would_overlap():
         fit(problem, [], overlapping, polish=True)
     fitted = families._polished(problem, [], overlapping)
     assert np.array_equal(fitted.theta, fit(problem, [], begin, polish=True).theta)
+
+
+def test_an_object_counts_as_near_by_place_and_sign():
+    truth = [(0.5 + 0.0j, True), (-0.5j, False)]
+    named = [(0.5 + 0.1j, True), (-0.45j, True), (-0.5 + 0.0j, False)]
+    assert near_and_stray(named, truth) == ([True, False], [False, False, True])
+    assert near_and_stray([], truth) == ([False, False], [])

@@ -50,7 +50,7 @@ def test_bodies_that_differ_otherwise_share_nothing(values):
 def test_of_large_bodies_fewer_are_kept(monkeypatch):
     body = forward_model(BODY, "train")
     sheet = forward_model(SHEET, "train")
-    matrices = body.electrodes.interaction.nbytes + 8 * len(body.relaxed.inner) ** 2
+    matrices = body.electrodes.interaction.nbytes + 8 * len(body.relaxed_modes.inner) ** 2
     assert body.nbytes == matrices > sheet.nbytes
     assert skin_capacity(sheet.nbytes) == skin_capacity(body.nbytes) == solver.MAX_SKINS
     monkeypatch.setattr(solver, "MAX_BYTES", 2 * body.nbytes)

@@ -172,11 +172,17 @@ def largest_force_N(recording: Recording) -> float:
 
 
 def has_lengths(recording: Recording) -> bool:
-    """Whether a length is known that tells how large the skin is: of it, or of its touches. Without
-    one, readings are the same at every scale."""
-    skin = recording.skin
-    lengths = skin.radius_mm, skin.thickness_mm, skin.electrode_width_mm or None, skin.rim
-    return bool(recording.frames["touch"].any()) or any(length is not None for length in lengths)
+    """Whether a length is known that tells how large the skin is: of it, or of a touch of known
+    state. Without one, readings are alike at every scale. A sheet's thickness is none; a contact
+    impedivity is one beside the conductivity."""
+    skin, frames = recording.skin, recording.frames
+    lengths = [skin.radius_mm, skin.outline, skin.electrode_xy_mm]
+    lengths += [skin.electrode_width_mm or None, skin.electrode_height_mm]
+    if skin.conductivity_S_per_m is not None and skin.electrode_width_mm != 0:
+        lengths.append(skin.contact_impedivity_ohm_m2)
+    states = frames.loc[frames["touch"], ["x_mm", "y_mm", "force_N", "probe_mm"]]
+    has_touch = bool(states.notna().all(axis=1).any())
+    return has_touch or any(length is not None for length in lengths)
 
 
 def presses(recording: Recording) -> np.ndarray:

@@ -254,9 +254,9 @@ class BodyElectrodes(OnRim):
         _check(g, heights)
         self.n, self.across = sheet.n, sheet.order
         self.up = accuracy.modes(g, heights, self.across)
-        size = self.n * self.across * self.up
-        if size > MOST_MODES:
-            actual = f"{g.contact_impedivity_ohm_m2.min():.1e}: {size} modes in all"
+        self.size = self.n * self.across * self.up
+        if self.size > MOST_MODES:
+            actual = f"{g.contact_impedivity_ohm_m2.min():.1e}: {self.size} modes in all"
             expected = f"poorer contacts, that {MOST_MODES} modes resolve"
             raise InputError("skin", "contact_impedivity_ohm_m2", actual, expected)
         self.order = self.across * self.up
@@ -414,9 +414,10 @@ class DepthForward(Forward):
         accuracy: str | Accuracy = "diagnose",
         depth_accuracy: str | DepthAccuracy | None = None,
         donor: Forward | None = None,
+        lends_parts: bool = False,
     ):
         """`depth_accuracy`: a name of DEPTH_ACCURACIES or a DepthAccuracy, by default the name
-        `accuracy`; `donor`: a solved skin, to share parts with."""
+        `accuracy`; `donor`: a solved skin, to share parts with; `lends_parts`: as for Forward."""
         self._place(geometry, accuracy)
         depth_choice = accuracy if depth_accuracy is None else depth_accuracy
         self.depth_accuracy = (
@@ -425,6 +426,8 @@ class DepthForward(Forward):
         self.heights = heights
         if heights is not None:
             self._expand(donor)
+        if not lends_parts:
+            self.unit_currents()
 
     def _expand(self, donor: Forward | None) -> None:
         """Set the electrodes and the efforts of a body."""

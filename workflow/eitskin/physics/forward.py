@@ -205,10 +205,14 @@ class Forward:
         geometry: Geometry,
         accuracy: str | Accuracy = "diagnose",
         donor: "Forward | None" = None,
+        lends_parts: bool = False,
     ):
         """`donor`: a solved skin, whose parts that depend on rim and electrodes alone are shared
-        where they agree."""
+        where they agree; `lends_parts`: whether this one does nothing but lend its own, so that its
+        electrodes' modes need not be relaxed."""
         self._place(geometry, accuracy, donor)
+        if not lends_parts:
+            self.unit_currents()  # contacts too good are refused here, and tasks share the factor
 
     def _place(
         self, geometry: Geometry, accuracy: str | Accuracy, donor: "Forward | None" = None
@@ -241,8 +245,8 @@ class Forward:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of the factor of the electrodes' inner modes, which need not be there yet."""
-        return 8 * (self.electrodes.n * (self.electrodes.order - 1)) ** 2
+        """Bytes of the factor of the electrodes' inner modes, there or not."""
+        return 8 * (self.electrodes.size - self.electrodes.n) ** 2
 
     @property
     def power_matrix(self) -> np.ndarray:
@@ -250,9 +254,9 @@ class Forward:
         return self.electrodes.matrix
 
     @cached_property
-    def relaxed(self) -> "RelaxedModes":
-        """The electrodes' inner modes as the whole currents have them; a skin that lends its parts
-        alone never computes them. Raises InputError for contacts too good to be resolved."""
+    def relaxed_modes(self) -> "RelaxedModes":
+        """The electrodes' inner modes as the whole currents have them. Raises InputError for
+        contacts too good to be resolved."""
         matrix, whole = self.power_matrix, self.electrodes.whole
         is_inner = np.ones(len(matrix), dtype=bool)
         is_inner[whole] = False
@@ -492,7 +496,7 @@ class Forward:
     def _relax(self, coupling: np.ndarray, response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gains (..., n, k) and response (..., k, k) of sources that couple to the electrodes'
         modes by `coupling` (..., size, k), after the electrodes' inner modes have relaxed."""
-        modes = self.relaxed
+        modes = self.relaxed_modes
         inner = coupling[..., modes.inner, :]
         gains = coupling[..., modes.whole, :] + modes.currents.T @ inner
         if modes.factor is not None:
@@ -509,7 +513,7 @@ class Forward:
 
     def unit_currents(self) -> np.ndarray:
         """(size, n): currents in the electrodes' modes for a unit current into each electrode."""
-        n, modes = self.electrodes.n, self.relaxed
+        n, modes = self.electrodes.n, self.relaxed_modes
         currents = np.zeros((len(modes.whole) + len(modes.inner), n))
         currents[modes.whole, range(n)] = 1.0
         currents[modes.inner] = modes.currents
@@ -523,7 +527,7 @@ class Forward:
             self.edge(touch, clearance)
             for touch, clearance in zip(touches, _clearances(touches), strict=True)
         ]
-        currents, modes = self.unit_currents(), self.relaxed
+        currents, modes = self.unit_currents(), self.relaxed_modes
         if not edges:
             return modes.relative, currents, [], []
         places = [(touch.x_mm, touch.y_mm, touch.radius_mm) for touch in touches]

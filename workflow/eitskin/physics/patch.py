@@ -346,7 +346,8 @@ class PatchForward(Forward):
             self.at_patch = self._at_patch(bare.electrodes)
             change = self._change(bare.electrodes)
         self.change = change
-        vars(self).pop("relaxed", None)  # of the bare skin
+        vars(self).pop("relaxed_modes", None)  # of the bare skin
+        self.unit_currents()
 
     @property
     def power_matrix(self) -> np.ndarray:

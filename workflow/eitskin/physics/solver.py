@@ -19,22 +19,26 @@ Result = TypeVar("Result")
 
 
 def forward_model(
-    geometry: Geometry, accuracy: str | Accuracy = "diagnose", donor: Forward | None = None
+    geometry: Geometry,
+    accuracy: str | Accuracy = "diagnose",
+    donor: Forward | None = None,
+    lends_parts: bool = False,
 ) -> Forward:
     """The forward model of a geometry: of a sheet, of a skin with patches or of a body. It shares
-    with `donor`, a solved skin, the parts in which they agree."""
+    with `donor`, a solved skin, the parts in which they agree; lends_parts: whether it only lends
+    its own (`Forward`)."""
     if any(patch.contrast != 1.0 for patch in geometry.patches):
         bare = donor.bare if isinstance(donor, PatchForward) else donor
         bare_geometry = geometry.with_values(patches=())
         if bare is None or not bare.is_model_of(bare_geometry, accuracy):
-            bare = forward_model(bare_geometry, accuracy, bare)
+            bare = forward_model(bare_geometry, accuracy, bare, lends_parts=True)
         return PatchForward(bare, geometry, donor)
     if isinstance(donor, PatchForward):
         donor = donor.bare
     heights = span(geometry)
     if heights is None:
-        return Forward(geometry, accuracy, donor)
-    return DepthForward(geometry, heights, accuracy, donor=donor)
+        return Forward(geometry, accuracy, donor, lends_parts)
+    return DepthForward(geometry, heights, accuracy, donor=donor, lends_parts=lends_parts)
 
 
 def skin_capacity(nbytes: int) -> int:

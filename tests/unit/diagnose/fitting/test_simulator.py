@@ -150,7 +150,14 @@ UNSTATED = replace(
         ({}, False, False),
         ({"electrode_width_mm": 0.0}, False, False),  # points have no length
         ({"electrode_width_mm": 5.0}, False, True),
-        ({"thickness_mm": 3.0}, False, True),
+        ({"thickness_mm": 3.0}, False, False),  # a sheet reads alike at every thickness
+        ({"electrode_height_mm": 3.0, "electrode_z_mm": 5.0}, False, True),
+        ({"contact_impedivity_ohm_m2": 2e-3}, False, True),  # SKIN's conductivity is stated
+        (
+            {"contact_impedivity_ohm_m2": 2e-3, "conductivity_S_per_m": None},
+            False,
+            False,
+        ),
         ({}, True, True),
     ],
 )

@@ -270,8 +270,6 @@ def test_a_size_that_might_be_anything_is_said_to_be_untold(high, told):
 
 def test_lengths_are_said_to_be_ratios_where_none_is_known():
     assert words.size_sentences({}) == []
-    (sentence,) = words.size_sentences({"assumed": {"radius_mm": 80.0}})
-    assert (
-        "No length of the skin is stated" in sentence
-        and f"80{quantities.NO_BREAK}mm radius" in sentence
-    )
+    (sentence,) = words.size_sentences({"scale": {"radius_mm": 80.0}})
+    assert sentence.startswith("No length that tells the skin's size is stated")
+    assert f"80{quantities.NO_BREAK}mm radius" in sentence

@@ -59,7 +59,7 @@ def calibration(fit: Fitted) -> dict[str, dict]:
     return intervals
 
 
-def assumed(fit: Fitted) -> dict[str, float]:
+def length_scale(fit: Fitted) -> dict[str, float]:
     """The radius, mm, that stands for the size of a skin of which no length is known; empty where
     one is."""
     model = fit.problem.model

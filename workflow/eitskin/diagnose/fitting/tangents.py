@@ -317,14 +317,18 @@ class Tangents:
             laws = self._laws(candidate, index)
             if laws is not None:
                 return self._law_change(candidate, *laws)
-        patches = self.problem.model.geometry(self.calibration, self.settings).patches
-        if candidate.effect.disc and len(patches) < 2:  # beside several no touch is solved
+        if candidate.effect.disc and self.patch_count < 2:  # beside several no touch is solved
             return self._patch_change(candidate)
         step = np.zeros(candidate.size)
         step[index] = STEP
         if self._acts_jointly(candidate):
             step[:] = STEP
         return self._difference(self.calibration, [*self.settings, candidate.setting(step)]) / STEP
+
+    @cached_property
+    def patch_count(self) -> int:
+        """How many patches the fit's skin has."""
+        return len(self.problem.model.geometry(self.calibration, self.settings).patches)
 
     def _law_change(
         self, candidate: Candidate, impedivity: np.ndarray, conductivity: np.ndarray

@@ -183,8 +183,8 @@ def _numbered_effects(diagnosis: dict) -> tuple[list[tuple[int | str, dict]], li
 def skin_layout_of(evidence: Evidence) -> SkinLayout:
     """The skin as it is drawn; a disc of unknown radius holds every touch."""
     recorded, diagnosis = evidence.recording, evidence.diagnosis
-    assumed = diagnosis.get("assumed", {}).get("radius_mm")
-    radius = diagnosis["calibration"].get("radius_mm", {}).get("value", assumed)
+    scale_mm = diagnosis.get("scale", {}).get("radius_mm")
+    radius = diagnosis["calibration"].get("radius_mm", {}).get("value", scale_mm)
     if radius is None:
         reach = np.hypot(evidence.frames["x_mm"], evidence.frames["y_mm"]).max()
         radius = 1.2 * reach if reach > 0 else 1.0

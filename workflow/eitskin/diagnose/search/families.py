@@ -358,8 +358,8 @@ def without_family(fitted: Fit, name: str) -> Fit:
     families.pop(name)
     reduced = _with_families(model, families, derivatives)
     start, problem = _with_coordinates(fitted, reduced), replace(fitted.problem, model=reduced)
-    gone = [np.r_[place] for c, place in model.family_slices if family_name(c) == name]
-    jacobian = np.delete(fitted.jacobian, np.concatenate(gone), axis=0)
+    places = [np.r_[place] for c, place in model.family_slices if family_name(c) == name]
+    jacobian = np.delete(fitted.jacobian, np.concatenate(places), axis=0)
     try:
         return fit(
             problem, fitted.effects, start, jacobian, polish=True, limits=FitLimits(renewals=1)

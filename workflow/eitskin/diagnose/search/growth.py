@@ -131,8 +131,8 @@ def grown(search: Search, calibration: Explanation, begin: Explanation | None = 
     if unlike:
         search.journal.step(UNLIKE_STEP, None, calibration)
         return search, calibration, calibration
-    begun = _with_objects(search, _as_body(search, explanation) or explanation)
-    grown_set = _grown_and_stood(search, begun)
+    with_body = _as_body(search, explanation) or explanation
+    grown_set = _grown_and_stood(search, _with_objects(search, with_body))
     best = _without_freedom(search, explanation, grown_set)
     # What is unfinished has not lost to free channels.
     free = None if search.spent else _with_free_channels(search, explanation)
@@ -229,7 +229,9 @@ def _with_objects(search: Search, explanation: Explanation) -> Explanation:
     if not (objects and search.problem.families):
         return explanation
     draw_null(search, linearised(search, explanation))
-    branch = replace(search, candidates=objects, cache=search.cache.branch())
+    branch = replace(
+        search, candidates=objects, cache=search.cache.branch(), has_body=search.tries_bodies
+    )
     grown_set = _grow(branch, explanation)
     search.cache.adopt(branch.cache)
     search.cache.trials.clear()  # of objects alone

@@ -71,7 +71,8 @@ class Search:
     add to the covariance; converter_step: of the readings, 0 where unknown; rig: its errors,
     linearised about the calibrated fit, once the search has ended about the final one; unblurred:
     problem and rig before `last_resorts.blurred`, where the search is in that noise;
-    rival_evidence: log evidence that a set must reach to matter.
+    rival_evidence: log evidence that a set must reach to matter; has_body: whether effects that
+    candidates are tried beside may make a body of the sheet.
     """
 
     problem: Problem
@@ -87,6 +88,7 @@ class Search:
     rig: RigErrors | None = None
     unblurred: tuple[Problem, RigErrors | None] | None = None
     rival_evidence: float = -np.inf
+    has_body: bool = False
     cache: Cache = field(default_factory=Cache, repr=False)
     journal: Journal = field(default_factory=Journal, repr=False)
 
@@ -113,8 +115,8 @@ class Search:
 
     @property
     def tries_bodies(self) -> bool:
-        """Whether some candidate makes a body of the sheet."""
-        return bool(self.bodies)
+        """Whether some candidate makes a body of the sheet, or an effect may have done so."""
+        return self.has_body or bool(self.bodies)
 
     @property
     def bodies(self) -> list[Candidate]:

@@ -229,7 +229,7 @@ def _untouched_first(search: Search, recording: Recording, seed: int) -> Explana
     _, _, named = run(calibrated_search)
     if replaces_instrument(named.effects):
         return None  # in noise of its own making it would explain anything
-    by_names = named if named.effects and _explains(named) else None
+    by_names = named if named.effects and _explains(named) and _is_touchable(named) else None
     dense_names = {effect.name for effect in named.effects if effect.scope == "dense"}
     if by_names is not None and len(dense_names) <= MOST_DENSE_NAMES:
         return by_names
@@ -245,7 +245,7 @@ def _untouched_first(search: Search, recording: Recording, seed: int) -> Explana
     ended, calibration, best = run(with_families)
     settled_search, best = settled(ended, best)
     _, _, after = with_members((settled_search, calibration, best))
-    if not _explains(after):
+    if not (_explains(after) and _is_touchable(after)):
         if by_names is not None:
             return by_names
         # Families alone are no wrong name.
@@ -308,6 +308,12 @@ def _explains(explanation: Explanation) -> bool:
     """Whether an explanation leaves little more than noise, without a discrepancy."""
     plain = without_discrepancy(explanation, explanation.fit)
     return plain.chi2 < EXPLAINED * plain.problem.whitening.size
+
+
+def _is_touchable(explanation: Explanation) -> bool:
+    """Whether touches can be simulated beside the effects of an explanation: of patches no more
+    than one."""
+    return sum(c.effect.disc for c in explanation.effects) < 2
 
 
 def _with_families(search: Search) -> Search:

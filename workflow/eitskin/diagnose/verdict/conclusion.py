@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from eitskin.diagnose.fitting.estimates import amounts, assumed, calibration, estimates
+from eitskin.diagnose.fitting.estimates import amounts, calibration, estimates, length_scale
 from eitskin.diagnose.fitting.family_sizes import standing_out
 from eitskin.diagnose.fitting.held_out import HeldOut
 from eitskin.diagnose.fitting.readings import reserve_problem
@@ -22,20 +22,20 @@ from eitskin.diagnose.verdict.remainder import changes
 from eitskin.diagnose.verdict.verdict import verdict
 from eitskin.effects import EFFECTS, catalogue_names
 
-OPTIONAL = ("assumed", "families", "parts", "steps")  # keys that are left out where they are empty
+OPTIONAL = ("scale", "families", "parts", "steps")  # keys that are left out where they are empty
 PART_KEYS = ("verdict", "effects", "other", "fit")  # what diagnosis.json has of each part
 
 
 @dataclass(frozen=True)
 class Verdict:
     """diagnosis.json as an object, with the fields of the contract; `recording`, a name, is given
-    where it is written. assumed: the radius that stands for a size that nothing tells, empty
+    where it is written. scale: the radius that stands for a size that nothing tells, empty
     elsewhere; parts, steps: empty unless the recording has steps in time; families: unless
     something is a little wrong at every site."""
 
     verdict: str
     calibration: dict[str, dict]
-    assumed: dict[str, float]
+    scale: dict[str, float]
     noise_V: float
     noise: dict
     families: list[dict]
@@ -81,7 +81,7 @@ def conclude(diagnosis: Diagnosis) -> Verdict:
     return Verdict(
         summary,
         calibration(explanation.fit),
-        assumed(explanation.fit),
+        length_scale(explanation.fit),
         float(np.median(noise.white_sd)),
         _noise(diagnosis),
         everywhere,

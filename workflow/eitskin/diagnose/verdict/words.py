@@ -154,12 +154,12 @@ def all_sentences(diagnosis: dict) -> list[str]:
 def size_sentences(diagnosis: dict) -> list[str]:
     """What the lengths of a diagnosis.json are, in a sentence, where no length of the skin is
     known."""
-    if "assumed" not in diagnosis:
+    if "scale" not in diagnosis:
         return []
-    radius = quantity(diagnosis["assumed"]["radius_mm"], "mm")
+    radius = quantity(diagnosis["scale"]["radius_mm"], "mm")
     return [
-        f"No length of the skin is stated, and readings are alike at every size: lengths in mm are"
-        f" those of a skin of {radius} radius, and only their ratios count."
+        f"No length that tells the skin's size is stated, and readings are alike at every size:"
+        f" lengths in mm are those of a skin of {radius} radius, and only their ratios count."
     ]
 
 
