@@ -8,6 +8,7 @@ import pytest
 
 from eitskin.data import recording
 from eitskin.data.recording import Recording
+from eitskin.data.subset import of_frames
 from eitskin.diagnose.fitting.channel_mapping import mapped_setting, unmapped_channels
 from eitskin.diagnose.fitting.fit import fit
 from eitskin.diagnose.fitting.query import predict
@@ -139,3 +140,14 @@ def test_a_query_by_few_electrodes_of_unknown_place_is_read(contact, tmp_path):
     asked = query(np.array([[0, 1, 2, 3]]), replace(SKIN, electrode_deg=None))
     recording.write(asked, tmp_path / "query.parquet")
     assert len(read_query(tmp_path / "query.parquet", contact[1]).channels) == 1
+
+
+def test_a_touched_query_of_a_skin_without_a_length_is_refused(tmp_path):
+    touched = small_recording(places=1)
+    recording.write(touched, tmp_path / "query.parquet")
+    skin = {**touched.metadata["skin"], "radius_mm": None, "electrode_width_mm": None}
+    skin["contact_impedivity_ohm_m2"] = None
+    unsized = replace(touched, metadata={**touched.metadata, "skin": skin})
+    untouched = of_frames(unsized, ~touched.frames["touch"].to_numpy(bool))
+    with pytest.raises(InputError, match=r"query\.parquet.*touches.*skin\.radius_mm"):
+        read_query(tmp_path / "query.parquet", untouched)

@@ -78,7 +78,8 @@ def _decisions(diagnosis: Diagnosis) -> pd.DataFrame:
 
 def read_query(path: str | Path, recording: Recording) -> Recording:
     """The states and channels of a query of a recording, which may be others than the recording's;
-    InputError where it is of a skin with another number of electrodes."""
+    InputError where it is of a skin with another number of electrodes, and where it is touched and
+    no length tells the size of the recording's."""
     query = recordings.read(path)
     count = recording.n_electrodes
     is_stated = query.skin.electrode_deg is not None
@@ -88,6 +89,9 @@ def read_query(path: str | Path, recording: Recording) -> Recording:
             query.n_electrodes,
         )
         raise InputError(path, place, f"{count_of_query} electrodes", f"the recording's {count}")
+    if query.frames["touch"].any() and not recordings.has_lengths(recording):
+        expected = "a length of the recording's skin, as skin.radius_mm: nothing tells its size"
+        raise InputError(path, "frames", "touches at places in mm", expected)
     return query
 
 
