@@ -182,6 +182,19 @@ def test_where_there_is_no_object_other_names_are_tried():
 
 
 @pytest.mark.long
+def test_an_object_is_found_in_a_dense_world_without_a_reference():
+    drawn = draw("dense:16 adjacent object", 1)
+    content = document(diagnosis.diagnose(drawn.recorded), "dense")
+    assert content["noise"]["frames_each"] == len(drawn.recorded.frames) / staging.AVERAGES
+    (patch,) = [e for e in content["effects"] if e["name"] == "conductivity-patch"]
+    truth = drawn.objects[0]["parameters"]
+    distance = np.hypot(
+        *(patch["parameters"][key]["value"] - truth[key] for key in ("x_mm", "y_mm"))
+    )
+    assert distance < 0.02 * drawn.true.radius_mm and patch["certain"]
+
+
+@pytest.mark.long
 def test_several_objects_are_found_in_a_skin_of_unknown_size_without_a_reference():
     drawn = draw("dense:16 opposite objects", 930_002)
     content = document(diagnosis.diagnose(drawn.recorded), "dense")
