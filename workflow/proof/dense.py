@@ -77,6 +77,8 @@ def _sites(effect: dict) -> list[int]:
 
 
 def truth_of(drawn: Dense) -> dict:
+    """What a row tells of a recording's truth: rms of the families' values, culprits, objects, the
+    memory and the skin's radius in mm."""
     rms = {name: float(np.sqrt((v**2).mean())) for name, v in drawn.families.items()}
     return {
         "rms": rms,
@@ -100,8 +102,7 @@ def scores(rows: list[dict]) -> list[tuple[str, str, int]]:
         for f in r["families"]
         if f["share"] >= NAMED_SHARE and f["name"] in r["truth"]["rms"]
     ]
-    near = [objects_of(r)[0] for r in rows if r["truth"]["objects"]]
-    stray = [any(objects_of(r)[1]) for r in rows if r["truth"]["objects"]]
+    judged = [objects_of(r) for r in rows if r["truth"]["objects"]]
     false_objects = [
         any(e["name"] == "conductivity-patch" for e in r["effects"])
         for r in rows
@@ -124,10 +125,10 @@ def scores(rows: list[dict]) -> list[tuple[str, str, int]]:
         ("recordings with a false culprit, certain", *rate(false_sites)),
         (
             "recordings with objects: one within 14 % of the radius, of its sign",
-            *rate([any(n) for n in near]),
+            *rate([any(near) for near, _ in judged]),
         ),
-        ("the same: all of them", *rate([all(n) for n in near])),
-        ("the same: one elsewhere", *rate(stray)),
+        ("the same: all of them", *rate([all(near) for near, _ in judged])),
+        ("the same: one elsewhere", *rate([any(stray) for _, stray in judged])),
         ("recordings without an object: one named", *rate(false_objects)),
         ("processor seconds, median", f"{np.median(seconds):.0f}", len(seconds)),
         ("processor seconds, largest", f"{max(seconds):.0f}", len(seconds)),
@@ -147,10 +148,10 @@ def near_and_stray(named: list[Disc], truth: list[Disc]) -> tuple[list[bool], li
     """Of each true object, whether one of its sign is named within NEAR; of each that is named,
     whether none is there."""
     near = [
-        any(abs(place - at) <= NEAR and sign is conducts for place, sign in named)
-        for at, conducts in truth
+        any(abs(place - centre) <= NEAR and sign is conducts for place, sign in named)
+        for centre, conducts in truth
     ]
-    return near, [all(abs(place - at) > NEAR for at, _ in truth) for place, _ in named]
+    return near, [all(abs(place - centre) > NEAR for centre, _ in truth) for place, _ in named]
 
 
 def objects_of(entry: dict) -> tuple[list[bool], list[bool]]:

@@ -85,9 +85,9 @@ def draw(kind: str, seed: int) -> Dense:
         culprits = _culprits(rng, families, {"member": 1, "members": 2}.get(ending, 0))
         if _fits(believed, families):
             break
-    objects = [_object(rng, believed)] if ending == "object" else []
-    if f" {ending}" == OBJECTS:
-        objects = _objects(rng, believed)
+    several = f" {ending}" == OBJECTS
+    object_count = rng.choice(OBJECT_COUNTS) if several else int(ending == "object")
+    objects = _objects(rng, believed, int(object_count))
     memory = log_uniform(rng, *MEMORY)
     laws = [*_laws(families, believed), *objects]
     laws.append({"name": "multiplexer-memory", "parameters": {"mu": memory}})
@@ -180,11 +180,10 @@ def _fits(skin: Skin, families: dict[str, np.ndarray]) -> bool:
     return bool(gaps.min() > LEAST_GAP * 360.0 / len(deg))
 
 
-def _objects(rng: np.random.Generator, skin: Skin) -> list[dict]:
-    """Several discs, apart from one another."""
+def _objects(rng: np.random.Generator, skin: Skin, count: int) -> list[dict]:
+    """So many discs, apart from one another."""
     assert skin.radius_mm is not None
     objects: list[dict] = []
-    count = rng.choice(OBJECT_COUNTS)
     while len(objects) < count:
         new = _object(rng, skin)
         if all(_gap_mm(new, other) > OBJECT_GAP * skin.radius_mm for other in objects):
