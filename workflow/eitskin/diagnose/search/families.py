@@ -361,9 +361,7 @@ def without_family(fitted: Fit, name: str) -> Fit:
     places = [np.r_[place] for c, place in model.family_slices if family_name(c) == name]
     jacobian = np.delete(fitted.jacobian, np.concatenate(places), axis=0)
     try:
-        return fit(
-            problem, fitted.effects, start, jacobian, polish=True, limits=FitLimits(renewals=1)
-        )
+        return fit(problem, fitted.effects, start, jacobian, polish=True, limits=FitLimits())
     except InputError:
         return _polished(problem, fitted.effects, start)
 
