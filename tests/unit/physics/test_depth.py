@@ -16,6 +16,7 @@ from eitskin.effects.settings import settings as effect_settings
 from eitskin.effects.settings import site_counts
 from eitskin.errors import InputError
 from eitskin.physics.depth import (
+    DEPTH_ACCURACIES,
     DepthAccuracy,
     DepthForward,
     Quadrature,
@@ -39,7 +40,7 @@ from witness.deep import DeepBody, Depth
 
 ANGLES = 22.5 * np.arange(16)
 CHANNELS = channel_table(16)
-FINER = DepthAccuracy(14, 4.5, 40.0, 14, 1e-7, Quadrature(10, 1e-8))
+FINER = DepthAccuracy(14, 4.5, 40.0, 14, 1e-7, 1e-9, Quadrature(10, 1e-8))
 PYEIDORS = "2026-03-14-21-38-31_1_10.00_55uA_1000Hz.csv"
 
 
@@ -100,7 +101,8 @@ def test_full_height_is_the_sheet(accuracy):
 def test_electrodes_over_the_whole_depth_by_the_double_series(depth, accuracy, bound):
     geometry = body(depth)
     sheet = Forward(geometry, accuracy).transfer_impedance()
-    found = DepthForward(geometry, Span(depth, depth / 2), accuracy).transfer_impedance()
+    coupled = replace(DEPTH_ACCURACIES[accuracy], coupled_tolerance=1e-300)
+    found = DepthForward(geometry, Span(depth, depth / 2), accuracy, coupled).transfer_impedance()
     assert relative(found, sheet, CHANNELS) < bound
     assert overall(found, sheet, all_channels(16)) < bound
 
@@ -227,7 +229,9 @@ def test_touches_near_the_rim_against_the_witness(witnessed, accuracy, bound):
 def test_of_full_height_no_touch_is_felt_in_depth(z_mm):
     geometry, place = body(20.0), (83.0, 5.0, 10.0)
     sheet = Forward(geometry).place(*place).impedance_change(np.array([3.0]))[0]
-    deep = DepthForward(geometry, Span(20.0, 10.0)).place(*place).impedance_change(np.array([3.0]))
+    coupled = replace(DEPTH_ACCURACIES["diagnose"], coupled_tolerance=1e-300)
+    forward = DepthForward(geometry, Span(20.0, 10.0), depth_accuracy=coupled)
+    deep = forward.place(*place).impedance_change(np.array([3.0]))
     assert overall(deep[0], sheet, all_channels(16)) < 1e-8
     part = DepthForward(geometry, Span(14.0, z_mm)).place(*place).impedance_change(np.array([3.0]))
     assert overall(part[0], sheet, all_channels(16)) > 1e-3
@@ -343,26 +347,38 @@ def test_the_third_dimension_as_an_effect():
     assert np.abs(found - sheet).max() > 0.05 * np.abs(sheet).max()
 
 
-def test_a_body_of_many_electrodes_has_fewer_modes_up_not_none(monkeypatch):
-    geometry, heights = body(z=1e-3, n=8), Span(10.0, 30.0)
-    whole = DepthForward(geometry, heights, "train")
-    across, up = whole.electrodes.across, whole.electrodes.up
-    assert up > 5
-    monkeypatch.setattr("eitskin.physics.depth.MOST_MODES", 5 * 8 * across)
-    fewer = DepthForward(geometry, heights, "train")
-    assert fewer.electrodes.up == 5
-    channels = channel_table(8)
-    assert 0.0 < relative(fewer.transfer_impedance(), whole.transfer_impedance(), channels) < 2e-3
-    monkeypatch.setattr("eitskin.physics.depth.MOST_MODES", 3 * 8 * across)
-    with pytest.raises(InputError, match="modes in all"):
-        DepthForward(geometry, heights, "train")
+@settings(max_examples=20, deadline=None)
+@given(
+    st.floats(2.0, 25.0),
+    st.floats(0.05, 0.9),
+    st.floats(10.0, 200.0),
+    st.integers(0, 10_000),
+    st.sampled_from(["train", "diagnose"]),
+)
+def test_modes_that_electrodes_do_not_share_change_little(width, share, depth, seed, accuracy):
+    """Whatever the electrodes: unlike widths, contacts and spacing."""
+    draw = np.random.default_rng(seed).uniform(-1.0, 1.0, (3, 8))
+    geometry = Geometry(
+        100.0, depth, 0.5, 45.0 * np.arange(8) + 3.0 * draw[0], width * 1.1 ** draw[1],
+        1e-2 * 2.0 ** draw[2], deep=True,
+    )  # fmt: skip
+    heights = Span(share * depth, 0.5 * depth)
+    chosen = DEPTH_ACCURACIES[accuracy]
+    few = DepthForward(geometry, heights, accuracy)
+    every = DepthForward(geometry, heights, accuracy, replace(chosen, coupled_tolerance=1e-300))
+    assert few.electrodes.order <= every.electrodes.order
+    found, expected = few.transfer_impedance(), every.transfer_impedance()
+    assert relative(found, expected, channel_table(8)) < 10.0 * chosen.coupled_tolerance
+    assert overall(found, expected, all_channels(8)) < chosen.coupled_tolerance
 
 
-def test_contacts_that_would_take_all_memory_are_refused():
-    skin = replace(TANK, electrode_height_mm=20.0, contact_impedivity_ohm_m2=2.5e-5)
-    geometry = Geometry.from_skin(skin).with_values(deep=True, conductivity_S_per_m=0.1)
-    with pytest.raises(InputError, match=r"contact_impedivity_ohm_m2: found 2\.5e-05: \d+ modes"):
-        forward_model(geometry, "diagnose")
+def test_good_contacts_take_more_modes_of_which_no_more_are_coupled():
+    poor, good = (DepthForward(body(n=8, z=z), Span(10.0, 30.0), "train") for z in (1e-2, 1e-4))
+    assert good.electrodes.modes > 3 * poor.electrodes.modes
+    assert good.electrodes.size == poor.electrodes.size
+    finer = replace(ACCURACIES["train"], electrode_order=12)
+    finest = DepthForward(body(n=8, z=1e-4), Span(10.0, 30.0), finer, FINER).transfer_impedance()
+    assert relative(good.transfer_impedance(), finest, channel_table(8)) < 5e-3
 
 
 @pytest.mark.parametrize("z, least", [(None, 10.0), (5.0, 10.0), (13.0, 18.0), (40.0, 50.4)])

@@ -11,6 +11,11 @@ Neumann function is, with k_m = m pi / depth and lengths over the radius,
 per unit sheet resistance 1 / (sigma depth); m = 0 is the sheet. Its slow part, the 1 / r of a flat
 half-space, is split after Ewald (1921): erfc(eta r) / (2 pi r) within each electrode and to its
 images in bottom and top, by quadrature; what is left of the double series falls off at once.
+
+Electrodes meet one another's smooth fields alone, whose Legendre coefficients fall geometrically
+with the order. So only the lowest modes, the coupled ones, are unknowns of the whole body; the
+others of an electrode take least power for these, one electrode at a time (static condensation,
+Guyan 1965).
 """
 
 import copy
@@ -28,7 +33,7 @@ from eitskin.errors import InputError
 from eitskin.physics.bessel_ratios import cylinder_response
 from eitskin.physics.column_touch import ColumnTouch
 from eitskin.physics.electrodes import Electrodes, OnRim
-from eitskin.physics.forward import Accuracy, Forward
+from eitskin.physics.forward import Accuracy, Forward, contacts_too_good
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.touch import PanelSizes, Touch, TouchEdge, graded_panels
 from eitskin.physics.touch_cache import ContactCoupling, Place, TouchCoupling
@@ -36,8 +41,9 @@ from eitskin.physics.touch_cache import ContactCoupling, Place, TouchCoupling
 MOST_TERMS = 10_000_000  # of the double series: 80 MB an array
 LADDER = 1.1  # of lengths that the expansion follows in steps: bodies that differ little share it
 SHARED_SERIES, SHARED_HALVES = 4, 64  # kept, of a few megabytes each at most
-MOST_MODES = 6144  # of all electrodes together: matrices of 0.3 GB, of which a fit holds a dozen
+WORST_COUPLING = 5.0  # error of a body's voltages where only the whole currents were coupled
 SHEET_OPERATIONS = 1e8  # of a body, in the time that solves a sheet of a known outline
+LEAST_OPERATIONS, EXPANSION_OPERATIONS = 1e8, 1e8  # of the smallest body, of its expansion
 SHEET_ELEMENTS = 2.5e6  # of a body's matrix that a touched place reads in that time
 
 
@@ -67,7 +73,9 @@ class DepthAccuracy:
 
     height_order: modes where the contact length z sigma is CONTACT_KNEE of the height or more; a
     better contact crowds the current at the edges and gets sqrt(CONTACT_KNEE height / (z sigma))
-    times as many, up to most_modes; with many electrodes up to MOST_MODES in all, less exactly.
+    times as many, up to most_modes.
+    coupled_tolerance: error of the voltages that coupled modes leave; of these there are no more
+    than of a sheet's electrode_order across and height_order up.
     split: the near half ends at eta r = split, the series at rho = 2 eta split or later.
     cut: the series continues to rho = cut over the smaller of half width and half height.
     touch_tolerance: share of a touch's signal, below which a multipole in depth is left out.
@@ -82,21 +90,41 @@ class DepthAccuracy:
     cut: float
     most_modes: int
     touch_tolerance: float
+    coupled_tolerance: float
     quadrature: Quadrature
 
-    def modes(self, geometry: Geometry, heights: "Span", across: int) -> int:
-        """Modes up an electrode with `across` modes across: as its contact asks for, MOST_MODES in
-        all at most, and height_order at least."""
+    def modes(self, geometry: Geometry, heights: "Span") -> int:
+        """Modes up an electrode, as its contact asks for."""
         contact = float(geometry.contact_length_mm.min()) / heights.height_mm
         modes = self.height_order * max(1.0, np.sqrt(CONTACT_KNEE / contact))
-        room = MOST_MODES // (len(geometry.electrode_deg) * across)
-        return max(min(int(np.ceil(modes)), self.most_modes, room), self.height_order)
+        return min(int(np.ceil(modes)), self.most_modes)
+
+    def coupled(self, decay: float, most: int) -> int:
+        """Coupled modes in one direction, at most `most`, where the Legendre coefficients of the
+        field fall by `decay` with each order; odd, as fields may be even across an electrode."""
+        digits = np.log(WORST_COUPLING / self.coupled_tolerance)
+        order = np.ceil(0.5 * digits / np.log(decay)) if decay > 1.0 else most
+        return min(int(order) | 1, most)
+
+    def most_coupled(self, sheet: Accuracy) -> tuple[int, int]:
+        """Coupled modes of an electrode, across and up, of which there are no more; sheet: its
+        accuracy across."""
+        return sheet.electrode_order | 1, self.height_order | 1
+
+    def most_bytes(self, geometry: Geometry, sheet: Accuracy) -> int:
+        """Bytes of the matrices of a body's modes, at most."""
+        heights, n = span(geometry), len(geometry.electrode_deg)
+        assert heights is not None
+        across, up = sheet.modes(geometry), self.modes(geometry, heights)
+        most_across, most_up = self.most_coupled(sheet)
+        coupled = n * min(across, most_across) * min(up, most_up)
+        return 8 * (n * (across * up) ** 2 + coupled**2)
 
 
 CONTACT_KNEE = 0.15  # z sigma / height at which the layer at an edge asks for more modes
 DEPTH_ACCURACIES = {
-    "train": DepthAccuracy(4, 3.5, 8.0, 8, 2e-4, Quadrature(6, 1e-5)),
-    "diagnose": DepthAccuracy(8, 4.0, 20.0, 16, 1e-5, Quadrature(10, 1e-6)),
+    "train": DepthAccuracy(4, 3.5, 8.0, 8, 2e-4, 1e-5, Quadrature(6, 1e-5)),
+    "diagnose": DepthAccuracy(8, 4.0, 20.0, 16, 1e-5, 1e-7, Quadrature(10, 1e-6)),
 }
 
 
@@ -240,40 +268,81 @@ def _rung_below(length: float) -> float:
     return float(LADDER ** np.floor(np.log(length) / np.log(LADDER)))
 
 
-class BodyElectrodes(OnRim):
-    """Electrodes of partial height, with the interface of Electrodes; order = across * up modes
-    each.
+class Interaction(NamedTuple):
+    """Power of the modes' currents in a body, contacts aside.
 
-    `across` counts modes across, the first of an electrode's modes is its whole current, and the
-    next ones go up. Raises InputError for a body that is not circular and for electrodes off it.
+    within (n, F, F): of all modes of one electrode; between (n C, n C): of the coupled modes of
+    different electrodes, 0 within one.
     """
 
-    def __init__(self, sheet: Electrodes, heights: Span, accuracy: DepthAccuracy):
+    within: np.ndarray
+    between: np.ndarray
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the matrices."""
+        return self.within.nbytes + self.between.nbytes
+
+
+class BodyElectrodes(OnRim):
+    """Electrodes of partial height, with the interface of Electrodes; order = across * up coupled
+    modes each.
+
+    `across` counts coupled modes across, the first of an electrode's modes is its whole current,
+    and the next ones go up. Raises InputError for a body that is not circular and for electrodes
+    off it.
+    """
+
+    def __init__(
+        self, sheet: Electrodes, heights: Span, accuracy: DepthAccuracy, most: tuple[int, int]
+    ):
+        """most: coupled modes across and up, of which there are no more."""
         self.sheet, self.heights = sheet, heights
         g = self.geometry = sheet.geometry
         _check(g, heights)
-        self.n, self.across = sheet.n, sheet.order
-        self.up = accuracy.modes(g, heights, self.across)
-        self.size = self.n * self.across * self.up
-        if self.size > MOST_MODES:
-            actual = f"{g.contact_impedivity_ohm_m2.min():.1e}: {self.size} modes in all"
-            expected = f"poorer contacts, that {MOST_MODES} modes resolve"
-            raise InputError("skin", "contact_impedivity_ohm_m2", actual, expected)
+        self.n, self.all_up = sheet.n, accuracy.modes(g, heights)
+        self._choose_orders(accuracy, *most)
         self.order = self.across * self.up
+        self.size = self.n * self.order
         self.whole = np.arange(self.n) * self.order
         self.rim = sheet.rim
-        self._choose_orders(accuracy)
         self._place()
         self.interaction = self._interaction()
 
     @property
+    def modes(self) -> int:
+        """Modes of an electrode, coupled or not."""
+        return self.sheet.order * self.all_up
+
+    @property
     def matrix(self) -> np.ndarray:
-        """(n order, n order): power of the modes' currents. Computed on every call, as that of a
-        large body takes some 0.3 GB."""
-        matrix = self.interaction.copy()
+        """(size, size): power of the coupled modes' currents, the others relaxed. Computed on every
+        call. Raises InputError for contacts too good to be resolved."""
+        matrix = self.interaction.between.copy()
         blocks = matrix.reshape(self.n, self.order, self.n, self.order)
-        blocks[range(self.n), :, range(self.n)] += self.contact_blocks()
+        blocks[range(self.n), :, range(self.n)] = self._condensed()
         return matrix
+
+    def _condensed(self) -> np.ndarray:
+        """(n, order, order): power of each electrode's coupled modes within it, with its contact's
+        sigma depth z_l int (P_i P_j)^2 / 16 / (dA/dt ds) over the face."""
+        contacts = np.column_stack([self.sheet.half_width, self.geometry.contact_length_mm])
+        _, first, alike = np.unique(contacts, axis=0, return_index=True, return_inverse=True)
+        across = self.sheet.contact_blocks()[first]
+        share = self.geometry.thickness_mm / self.heights.height_mm
+        up = np.diag(share / (2.0 * np.arange(self.all_up) + 1.0))
+        drop = (across[:, :, None, :, None] * up[:, None]).reshape(-1, self.modes, self.modes)
+        power = self.interaction.within[self.of_width[first]] + drop
+        number = np.arange(self.modes).reshape(self.sheet.order, self.all_up)
+        coupled = number[: self.across, : self.up].ravel()
+        rest = np.setdiff1d(number, coupled)
+        try:
+            factor = np.linalg.cholesky(power[:, rest[:, None], rest])
+        except np.linalg.LinAlgError:
+            raise contacts_too_good(self.geometry) from None
+        half = np.linalg.solve(factor, power[:, rest[:, None], coupled])
+        condensed = power[:, coupled[:, None], coupled] - half.mT @ half
+        return condensed[alike.ravel()]
 
     def on_body(self, sheet: Electrodes, heights: Span) -> "BodyElectrodes":
         """The same expansion on a slightly different body. Parts that agree are shared, and
@@ -297,7 +366,7 @@ class BodyElectrodes(OnRim):
         """Set the expansion and where it has the electrodes, in radii."""
         g = self.geometry
         self.expansion = Expansion(
-            self.up,
+            self.all_up,
             g.thickness_mm / g.radius_mm,
             self.heights.height_mm / (2.0 * g.radius_mm),
             self.heights.z_mm / g.radius_mm,
@@ -310,17 +379,24 @@ class BodyElectrodes(OnRim):
         self.depth = self.expansion.depth
         self.angular = self._angular()
 
-    def _choose_orders(self, accuracy: DepthAccuracy) -> None:
-        """Choose the range of the near half and the length of the series."""
+    def _choose_orders(self, accuracy: DepthAccuracy, most_across: int, most_up: int) -> None:
+        """Choose the coupled modes, the range of the near half and the length of the series."""
         g, half = self.geometry, self.sheet.half_width
         phi = np.radians(g.electrode_deg) % (2.0 * np.pi)
         turn = np.argsort(phi)
         spacing = np.diff(np.append(phi[turn], phi[turn[0]] + 2.0 * np.pi))
         gap = (spacing - half[turn] - np.roll(half[turn], -1)).min()
+        widest, half_height = half.max(), self.heights.height_mm / (2.0 * g.radius_mm)
+        aside, above = max(gap, 0.0) / widest, max(gap, 0.0) / half_height
+        # The nearest other electrode lies beyond an end of t = -1 to 1 across, beside it going up.
+        decay_across = 1.0 + aside + np.sqrt(aside * (aside + 2.0))
+        decay_up = above + np.hypot(above, 1.0)
+        self.across = min(accuracy.coupled(decay_across, most_across), self.sheet.order)
+        self.up = min(accuracy.coupled(decay_up, most_up), self.all_up)
         depth = g.thickness_mm / g.radius_mm
         self.reach = _rung_below(min(gap, 4.0 * depth, 1.0))
         self.eta = accuracy.split / self.reach
-        smallest = min(half.min(), self.heights.height_mm / (2.0 * g.radius_mm))
+        smallest = min(half.min(), half_height)
         end = max(2.0 * accuracy.split * self.eta, accuracy.cut / _rung_below(smallest))
         self.n_max, self.m_max = int(np.ceil(end)), int(np.ceil(end * depth / np.pi))
         self.quadrature = accuracy.quadrature
@@ -330,8 +406,8 @@ class BodyElectrodes(OnRim):
             raise InputError("skin", "electrodes", actual, expected)
 
     def wave(self, k: np.ndarray) -> np.ndarray:
-        """(up, K): projection of cos(k z), k (K,), on the modes up."""
-        return self.expansion.wave(k)
+        """(up, K): projection of cos(k z), k (K,), on the coupled modes up."""
+        return self.expansion.wave(k)[: self.up]
 
     def distance(self, place: complex) -> float:
         """Distance from a place in the unit disc to the nearest electrode."""
@@ -340,44 +416,54 @@ class BodyElectrodes(OnRim):
         nearest = np.exp(1j * (phi + np.clip(turn, -half, half)))
         return float(np.abs(nearest - place).min())
 
-    def _angular(self) -> np.ndarray:
-        """(n across, 2 (n_max + 1)): Fourier coefficients of the modes across, real and imaginary,
-        weighted by the root of the series' 1 / pi (1 / 2 pi for n = 0)."""
+    def _at_centre(self, half_width: np.ndarray) -> np.ndarray:
+        """(W, modes across, n_max + 1): Fourier coefficients of the modes across electrodes of half
+        widths (W,) at the angle 0, weighted by the root of the series' 1 / pi (1 / 2 pi for n =
+        0)."""
         n = np.arange(self.n_max + 1)
-        degree = np.arange(self.across)[:, None]
-        phi = np.radians(self.geometry.electrode_deg)[:, None, None]
-        bessel = spherical_jn(degree, n * self.sheet.half_width[:, None, None])
-        wave = np.exp(1j * n * phi) * 1j**degree * bessel / np.sqrt(np.pi)
+        degree = np.arange(self.sheet.order)[:, None]
+        bessel = spherical_jn(degree, n * half_width[:, None, None])
+        wave = 1j**degree * bessel / np.sqrt(np.pi)
         wave[:, :, 0] /= np.sqrt(2.0)
+        return wave
+
+    def _angular(self) -> np.ndarray:
+        """(n across, 2 (n_max + 1)): Fourier coefficients of the coupled modes across, real and
+        imaginary, weighted as `_at_centre`'s."""
+        widths, of_width = np.unique(self.sheet.half_width, return_inverse=True)
+        self.at_centre, self.of_width = self._at_centre(widths), of_width
+        phi = np.radians(self.geometry.electrode_deg)[:, None, None]
+        turn = np.exp(1j * np.arange(self.n_max + 1) * phi)
+        wave = turn * self.at_centre[of_width, : self.across]
         return np.concatenate([wave.real, wave.imag], axis=2).reshape(self.n * self.across, -1)
 
-    def _interaction(self) -> np.ndarray:
-        angular, series = self.angular, slow_series(self.expansion)
+    def _interaction(self) -> Interaction:
+        series = slow_series(self.expansion)
+        order, up = self.sheet.order, self.all_up
+        products = (self.at_centre[:, :, None].conj() * self.at_centre[:, None]).real
+        within = products.reshape(-1, len(series)) @ series.reshape(len(series), -1)
+        within = within.reshape(-1, order, order, up, up).transpose(0, 1, 3, 2, 4)
+        widths = np.unique(self.sheet.half_width)
+        within = within + np.array([near_half(self.expansion, order, w) for w in widths])
         shape = (self.n, self.across, self.up, self.n, self.across, self.up)
-        matrix = np.empty(shape)
+        between = np.empty(shape)
         for i in range(self.up):
             for j in range(i + 1):
-                block = (angular * np.tile(series[:, i, j], 2)) @ angular.T
-                matrix[:, :, i, :, :, j] = block.reshape(self.n, self.across, self.n, self.across)
-                matrix[:, :, j, :, :, i] = matrix[:, :, i, :, :, j]
-        halves = [near_half(self.expansion, self.across, w) for w in self.sheet.half_width]
-        matrix[range(self.n), :, :, range(self.n)] += np.array(halves)
-        return matrix.reshape(self.n * self.order, -1)
-
-    def contact_blocks(self) -> np.ndarray:
-        """(n, order, order): sigma depth z_l int (P_i P_j)^2 / 16 / (dA/dt ds) over the face."""
-        g = self.geometry
-        share = g.thickness_mm / self.heights.height_mm
-        degree = 2.0 * np.arange(self.up) + 1.0
-        blocks = self.sheet.contact_blocks()[:, :, None, :, None] * np.diag(share / degree)[:, None]
-        return blocks.reshape(self.n, self.order, self.order)
+                block = (self.angular * np.tile(series[:, i, j], 2)) @ self.angular.T
+                between[:, :, i, :, :, j] = block.reshape(self.n, self.across, self.n, self.across)
+                between[:, :, j, :, :, i] = between[:, :, i, :, :, j]
+        between[range(self.n), :, :, range(self.n)] = 0.0
+        return Interaction(
+            within.reshape(-1, self.modes, self.modes), between.reshape(self.size, self.size)
+        )
 
     def project(self, potential: np.ndarray) -> np.ndarray:
-        """(n order, k): projection on the modes of potentials at the sheet's nodes that are the
-        same at every height."""
-        per = np.zeros((self.n * self.across, self.up, potential.shape[1]))
-        per[:, 0] = self.sheet.project(potential)
-        return per.reshape(self.n * self.order, -1)
+        """(n order, k): projection on the coupled modes of potentials at the sheet's nodes that are
+        the same at every height."""
+        across = self.sheet.project(potential).reshape(self.n, self.sheet.order, -1)
+        modes = np.zeros((self.n, self.across, self.up, across.shape[2]))
+        modes[:, :, 0] = across[:, : self.across]
+        return modes.reshape(self.size, -1)
 
 
 def _check(geometry: Geometry, heights: Span) -> None:
@@ -438,19 +524,22 @@ class DepthForward(Forward):
             and donor.heights is not None
             and donor.depth_accuracy == accuracy
             and donor.electrodes.same_interaction(self.geometry, heights)
-            and donor.electrodes.across == sheet.order
-            and donor.electrodes.up == accuracy.modes(self.geometry, heights, sheet.order)
+            and donor.electrodes.sheet.order == sheet.order
+            and donor.electrodes.all_up == accuracy.modes(self.geometry, heights)
         )
         if shared:
             assert isinstance(donor, DepthForward)
             self.electrodes = donor.electrodes.on_body(sheet, heights)
         else:
-            self.electrodes = BodyElectrodes(sheet, heights, accuracy)
-        modes, unknowns = self.electrodes, sheet.n * self.electrodes.order
-        operations = unknowns**3 / 3.0
+            most = accuracy.most_coupled(self.accuracy)
+            self.electrodes = BodyElectrodes(sheet, heights, accuracy, most)
+        modes, unknowns = self.electrodes, self.electrodes.size
+        operations = LEAST_OPERATIONS + (unknowns**3 + sheet.n * modes.modes**3) / 3.0
         if not shared:
             pairs = 0.5 * modes.up * (modes.up + 1)
+            operations += EXPANSION_OPERATIONS
             operations += 4.0 * pairs * (sheet.n * modes.across) ** 2 * modes.n_max
+            operations += 2.0 * modes.modes**2 * modes.n_max
         self.effort = operations / SHEET_OPERATIONS
         self.touch_effort = type(self).touch_effort + unknowns**2 / SHEET_ELEMENTS
 
@@ -512,8 +601,8 @@ class DepthForward(Forward):
     ) -> dict[str, np.ndarray]:
         """d impedance / d parameter, (n, n) ohm per unit, by name; all `parameters()` by default.
 
-        X^T dS X with the currents X of this body and dS a central difference of the power's matrix
-        (exact for contacts). Where an electrode meets bottom or top, the power is not
+        X^T dS X with the currents X of this body and dS a central difference of the power's
+        matrix. Where an electrode meets bottom or top, the power is not
         differentiable by its height and place, and those values are meaningless. Raises InputError
         for a touched body, for which derivatives are not implemented.
         """
@@ -541,10 +630,7 @@ class DepthForward(Forward):
         return self.sheet_resistance * 0.5 * (slope + slope.T)
 
     def _step(self, kind: str, value: float) -> float:
-        """Half the width of the central difference. The matrix is linear in the parameters that
-        move by half their value."""
-        if kind in ("contact_impedivity_ohm_m2", "conductivity_S_per_m"):
-            return 0.5 * value
+        """Half the width of the central difference."""
         if kind == "electrode_deg":
             return 0.02
         assert self.heights is not None

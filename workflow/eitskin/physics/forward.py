@@ -47,7 +47,7 @@ BETWEEN_SHARE, ROUNDING_DEFECT = 10.0, 1e-11
 # Of a defect in the least arc of an electrode, which narrow skins crowd on the disc: wanted, most.
 FINE_SHARE, COARSE_SHARE = 1e-5, 1e-4
 OUTLINE_EFFORT, OUTLINE_TOUCH_EFFORT = 5.0, 0.6  # of a new map with poles, of a place on it
-KEPT_MAPS = 12  # of outlines, some megabytes each
+KEPT_MAPS = 12  # some megabytes each, of outlines
 
 _maps: dict[tuple, DiscMap | ValueError] = {}
 UNIT_CIRCLE = np.exp(2j * np.pi * np.arange(64) / 64)
@@ -118,6 +118,13 @@ def measurable(values: np.ndarray) -> np.ndarray:
         channel = f"channel {np.argwhere(np.isnan(values))[0][-1]} of a driven point electrode"
         raise InputError("skin", "electrode_width_mm", channel, "a width above 0 for it")
     return values
+
+
+def contacts_too_good(geometry: Geometry) -> InputError:
+    """The error of contacts whose current no modes at hand resolve."""
+    expected = "poorer contacts, or a finer accuracy than this"
+    actual = geometry.contact_impedivity_ohm_m2.min()
+    return InputError("skin", "contact_impedivity_ohm_m2", actual, expected)
 
 
 @dataclass(frozen=True)
@@ -270,9 +277,7 @@ class Forward:
         try:
             factor = cho_factor(inner_matrix, check_finite=False)
         except np.linalg.LinAlgError:
-            expected = "poorer contacts, or a finer accuracy than this"
-            actual = self.geometry.contact_impedivity_ohm_m2.min()
-            raise InputError("skin", "contact_impedivity_ohm_m2", actual, expected) from None
+            raise contacts_too_good(self.geometry) from None
         currents = -cho_solve(factor, coupling, check_finite=False)
         relative = relative + coupling.T @ currents
         return RelaxedModes(whole, inner, factor, currents, 0.5 * (relative + relative.T))
@@ -791,15 +796,31 @@ def disc_map(geometry: Geometry) -> DiscMap:
     """The conformal map of a skin onto the unit disc: of an outline, with as many poles as bring
     its defect to FINE_DEFECT, or else the best. Raises InputError where its rim is too rough."""
     try:
-        if geometry.outline is None:
-            phi, _ = geometry.rim_phi()
-            return DiscMap(geometry.unfold(geometry.rim(phi)), phi)
-        return _poled_map(geometry)
+        return _smooth_map(geometry) if geometry.outline is None else _poled_map(geometry)
     except ValueError as error:
         expected = "a smooth, star-shaped rim"
         if geometry.outline is not None:
             expected = "a rim with few corners or none, and no narrow tips"
         raise InputError("skin", "domain shape", str(error), expected) from None
+
+
+def _smooth_map(geometry: Geometry) -> DiscMap:
+    """The map of a disc, an ellipse or a rim of few harmonics; the last few are kept. Raises
+    ValueError where the rim is too rough."""
+    key = geometry.rim_key(), None
+    mapped = _maps.get(key)
+    if not isinstance(mapped, DiscMap):
+        phi, _ = geometry.rim_phi()
+        mapped = DiscMap(geometry.unfold(geometry.rim(phi)), phi)
+        _keep(key, mapped)
+    return mapped
+
+
+def _keep(key: tuple, mapped: DiscMap | ValueError) -> None:
+    """Keep a map, or why there is none, and forget the eldest."""
+    while len(_maps) >= KEPT_MAPS:
+        _maps.pop(next(iter(_maps)))
+    _maps[key] = mapped
 
 
 def _poled_map(geometry: Geometry) -> DiscMap:
@@ -838,17 +859,15 @@ def _map_at(geometry: Geometry, fineness: Fineness) -> DiscMap | ValueError:
         assert geometry.outline is not None
         bent = geometry.outline.is_bent(phi)
         sample = RimSample(place, -1j * slope / np.abs(slope), length, bent, corners)
-        while len(_maps) >= KEPT_MAPS:
-            _maps.pop(next(iter(_maps)))
         try:
             poles = placed(sample, fineness)
             if len(poles.place) > MOST_POLES:
                 actual = f"it takes {len(poles.place)} poles"
                 raise ValueError(f"rim too rough for a conformal map: {actual}")
             mapped = DiscMap(place, phi, poles, geometry.centre, COARSE_DEFECT)
-            _maps[key] = _checked(mapped, geometry)
+            _keep(key, _checked(mapped, geometry))
         except ValueError as error:
-            _maps[key] = error
+            _keep(key, error)
     return _maps[key]
 
 

@@ -61,7 +61,7 @@ def test_as_many_frames_as_fit_are_diagnosed(electrodes, limit):
 
 
 @pytest.mark.parametrize(
-    "more", [{"electrodes": 40}, {"channels": 416}, {"modes": 6000}, {"channels": 928}]
+    "more", [{"electrodes": 40}, {"channels": 416}, {"body_bytes": 1 << 29}, {"channels": 928}]
 )
 @pytest.mark.parametrize("frames", [20, 500])
 def test_more_of_anything_takes_more(more, frames):
@@ -99,8 +99,8 @@ def test_a_body_of_good_contacts_takes_more_than_one_of_poor_ones():
         )
         for z in (2e-3, 1e-4)
     )
-    assert 0 < poor.modes < good.modes
-    assert Counts.from_recording(of_channels(16, channel_table(16), 2)).modes == 0
+    assert 0 < poor.body_bytes < good.body_bytes
+    assert Counts.from_recording(of_channels(16, channel_table(16), 2)).body_bytes == 0
 
 
 def test_the_command_refuses_before_anything_is_done(tmp_path, capsys, monkeypatch):

@@ -23,7 +23,7 @@ from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
 from eitskin.physics import touch_cache
 from eitskin.physics.accuracy import MODES
-from eitskin.physics.depth import DEPTH_ACCURACIES, MOST_MODES, span
+from eitskin.physics.depth import DEPTH_ACCURACIES
 from eitskin.physics.forward import ACCURACIES
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.solver import skin_capacity
@@ -33,7 +33,7 @@ GIB, FLOAT_BYTES = 1 << 30, 8  # bytes of a GiB and of a number in double precis
 PROGRAM_BYTES = 320 << 20  # interpreter and libraries, and what the allocator holds back
 # Measured: how many of each there are at once. An electrode has two nodes a mode of a sheet.
 SHEET_MATRICES = 5  # of the matrix of the finest sheet's nodes
-CACHED_BODY_MATRICES, SOLVER_MATRICES = 2, 3  # of the matrix of a body's modes
+CACHED_BODY_MATRICES, SOLVER_MATRICES = 2, 3  # of the matrices of a body's modes
 TRIAL_COLUMNS = 600  # of columns of trials, sets and rig errors
 # Families of as many members as electrodes, the members of the rim's, and how many copies of their
 # columns there are: as derivatives, filtered, in single precision, weighted, as directions.
@@ -47,39 +47,31 @@ TOUCH_CACHES = 2  # of stores of touched places: of the nominal skin, and of one
 @dataclass(frozen=True)
 class Counts:
     """What determines the memory of a recording's diagnosis. touched: whether anybody touches;
-    modes: of the electrodes of the largest body that is fitted, 0 where none is."""
+    body_bytes: of the matrices of the largest body that is fitted, 0 where none is."""
 
     electrodes: int
     channels: int
     touched: bool
-    modes: int
+    body_bytes: int
 
     @classmethod
     def from_recording(cls, recording: Recording) -> "Counts":
         """The counts of a recording."""
         touched = bool(recording.frames["touch"].any())
-        modes = _modes(recording, touched)
-        return cls(recording.n_electrodes, len(recording.channels), touched, modes)
+        body_bytes = _body_bytes(recording, touched)
+        return cls(recording.n_electrodes, len(recording.channels), touched, body_bytes)
 
 
-def _modes(recording: Recording, touched: bool) -> int:
-    """Modes of all electrodes together of the largest body that fits try for a skin; 0 where they
-    try none, or its electrodes are points, which are on no body."""
+def _body_bytes(recording: Recording, touched: bool) -> int:
+    """Bytes of the matrices of the largest body that fits try for a skin; 0 where they try none, or
+    its electrodes are points, which are on no body."""
     geometry = Geometry.from_skin(beliefs(recording)[0])
     if geometry.points:
         return 0
     effects = [effect for effect in EFFECTS.values() if effect.is_stated(recording.skin, touched)]
     bodies = [body for effect in effects if (body := effect.largest_body(geometry)) is not None]
-    return max((_body_modes(body) for body in bodies), default=0)
-
-
-def _body_modes(body: Geometry) -> int:
-    """Modes of all electrodes of a body, across and up, as the solver limits them."""
-    across = ACCURACIES["diagnose"].modes(body)
-    heights = span(body)
-    assert heights is not None
-    up = DEPTH_ACCURACIES["diagnose"].modes(body, heights, across)
-    return min(len(body.electrode_deg) * across * up, MOST_MODES)
+    across, up = ACCURACIES["diagnose"], DEPTH_ACCURACIES["diagnose"]
+    return max((up.most_bytes(body, across) for body in bodies), default=0)
 
 
 def peak_bytes(counts: Counts, frames: int | np.ndarray) -> np.ndarray:
@@ -106,10 +98,10 @@ def peak_bytes(counts: Counts, frames: int | np.ndarray) -> np.ndarray:
     )
     sheets = SHEET_MATRICES * FLOAT_BYTES * (2 * MODES[-1] * n) ** 2
     places = TOUCH_CACHES * touch_cache.CACHE_BYTES * counts.touched
-    matrix = FLOAT_BYTES * counts.modes**2
+    matrices = counts.body_bytes
     bodies = (
-        SOLVER_MATRICES + CACHED_BODY_MATRICES * skin_capacity(CACHED_BODY_MATRICES * matrix)
-    ) * matrix + (sheets if counts.modes else 0)
+        SOLVER_MATRICES + CACHED_BODY_MATRICES * skin_capacity(CACHED_BODY_MATRICES * matrices)
+    ) * matrices + (sheets if matrices else 0)
     return PROGRAM_BYTES + places + np.maximum(searched + max(states, bodies), sheets)
 
 

@@ -330,7 +330,7 @@ AGAIN = Gate(
     5.0,
     "at most",
     "cost",
-    "a trial of a body takes ten seconds and more, of a tangent none",
+    "a trial of a body takes seconds, of a tangent none",
     "effects that no tangent leads to, where nobody touches",
     "it was behind by {value} nats beside fewer effects; beyond {threshold} it is not tried again",
 )

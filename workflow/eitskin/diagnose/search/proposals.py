@@ -290,7 +290,7 @@ def trials(
     listed = shortlist(search.journal, explanation, ranked, hopeful)
     listed += _far(search, explanation, listed)
     listed = _with_absorbed(search, explanation, listed)
-    attempted = [s for s in listed if incumbent is None or s.candidate.key != incumbent.key]
+    attempted = [s for s in listed if not _is_incumbent(search, s.candidate, incumbent)]
     race = RACE.threshold
 
     def attempt(proposal: Score) -> Explanation | Refusal:
@@ -326,6 +326,15 @@ def trials(
     fitted.sort(key=lambda trial: -trial.log_evidence)
     search.cache.trials[explanation.key] = explanation.fit, fitted
     return fitted
+
+
+def _is_incumbent(search: Search, candidate: Candidate, incumbent: Candidate | None) -> bool:
+    """Whether a trial of a candidate would find the incumbent: the same candidate, or one of the
+    same name whose fits begin at the same far starts."""
+    if incumbent is None:
+        return False
+    same_starts = search.starts_far(candidate) and candidate.name == incumbent.name
+    return candidate.key == incumbent.key or same_starts
 
 
 def cached_trials(search: Search, explanation: Explanation) -> list[Explanation] | None:
