@@ -224,7 +224,8 @@ def _as_body(search: Search, explanation: Explanation) -> Explanation | None:
 def _with_objects(search: Search, explanation: Explanation) -> Explanation:
     """An explanation with the objects in a skin that is a little wrong everywhere, where nobody
     touches, before any other name: families, and effects at many sites, take what objects do; an
-    object takes nothing of theirs."""
+    object takes nothing of theirs. Objects hide one another, so that two are tried at once where
+    one more is not warranted."""
     objects = [c for c in search.candidates if c.effect.disc]
     if not (objects and search.problem.families):
         return explanation
@@ -233,9 +234,35 @@ def _with_objects(search: Search, explanation: Explanation) -> Explanation:
         search, candidates=objects, cache=search.cache.branch(), has_body=search.tries_bodies
     )
     grown_set = _grow(branch, explanation)
+    while (larger := _with_two_more(branch, grown_set)) is not None:
+        grown_set = larger
     search.cache.adopt(branch.cache)
     search.cache.trials.clear()  # of objects alone
     return grown_set
+
+
+def _with_two_more(search: Search, explanation: Explanation) -> Explanation | None:
+    """An explanation with two more effects, each of which is warranted beside the other, and what
+    grows from them; None where there are none."""
+    if search.spent or not EFFECTS_OF_A_SET.admits(len(explanation.effects) + 1):
+        return None
+    alone = trials(search, explanation, scores(search, explanation))
+    if not alone:
+        return None
+    both = _add(search, alone[0])
+    if both is None:
+        return None
+    new = added_effect(explanation, alone[0])
+    index = next((i for i, effect in enumerate(both.effects) if effect.key == new.key), None)
+    if index is None:
+        return None
+    reduced_set = without(search, both, index)
+    p_value = _ratio_p(search, both, new, reduced_set)
+    if not _is_borne_out(search, both, new, reduced_set, p_value):
+        return None
+    both = both.with_p_values({**both.p_values, new.key: p_value})
+    search.journal.step("add", new, both, p_value)
+    return _grow(search, _drop(search, both))
 
 
 def _rival(
@@ -433,25 +460,44 @@ def _confirmed(search: Search, explanation: Explanation) -> Explanation:
     """An explanation from before, less the effects that all frames do not bear out, each with the
     p-value of its likelihood ratio on all of them."""
     draw_null(search, linearised(search, explanation))
-    judge = search.journal.judge
     while True:
         for index, reduced_set in each_without(search, explanation, len(explanation.effects)):
             effect = explanation.effects[index]
-            gain = max(2.0 * (explanation.log_likelihood - reduced_set.log_likelihood), 0.0)
-            ratio = Score(effect, gain, max(effect.size, 1), 0.0, _choices(effect))
-            p = global_p(search, ratio.p_value)
-            raised = explanation.log_evidence - reduced_set.log_evidence
-            if not (
-                judge(EVIDENCE, raised, effect, reduced_set)
-                and judge(CHANCE, p, effect, reduced_set)
-                and _predicts(search, explanation, reduced_set, effect)
-            ):
+            p = _ratio_p(search, explanation, effect, reduced_set)
+            if not _is_borne_out(search, explanation, effect, reduced_set, p):
                 search.journal.step("drop", effect, reduced_set, p)
                 explanation = reduced_set
                 break
             explanation = explanation.with_p_values({**explanation.p_values, effect.key: p})
         else:
             return explanation
+
+
+def _ratio_p(
+    search: Search, explanation: Explanation, effect: Candidate, reduced_set: Explanation
+) -> float:
+    """The global p-value of an effect of an explanation, by its likelihood ratio to the set
+    without."""
+    gain = max(2.0 * (explanation.log_likelihood - reduced_set.log_likelihood), 0.0)
+    ratio = Score(effect, gain, max(effect.size, 1), 0.0, _choices(effect))
+    return global_p(search, ratio.p_value)
+
+
+def _is_borne_out(
+    search: Search,
+    explanation: Explanation,
+    effect: Candidate,
+    reduced_set: Explanation,
+    p_value: float,
+) -> bool:
+    """Whether an effect of an explanation is warranted beside all its others."""
+    judge = search.journal.judge
+    raised = explanation.log_evidence - reduced_set.log_evidence
+    return (
+        judge(EVIDENCE, raised, effect, reduced_set)
+        and judge(CHANCE, p_value, effect, reduced_set)
+        and _predicts(search, explanation, reduced_set, effect)
+    )
 
 
 def _drop(search: Search, explanation: Explanation) -> Explanation:

@@ -290,7 +290,9 @@ def trials(
     listed = shortlist(search.journal, explanation, ranked, hopeful)
     listed += _far(search, explanation, listed)
     listed = _with_absorbed(search, explanation, listed)
-    attempted = [s for s in listed if not _is_incumbent(search, s.candidate, incumbent)]
+    attempted = [
+        s for s in listed if incumbent is None or _is_rival(search, s.candidate, incumbent)
+    ]
     race = RACE.threshold
 
     def attempt(proposal: Score) -> Explanation | Refusal:
@@ -328,13 +330,14 @@ def trials(
     return fitted
 
 
-def _is_incumbent(search: Search, candidate: Candidate, incumbent: Candidate | None) -> bool:
-    """Whether a trial of a candidate would find the incumbent: the same candidate, or one of the
-    same name whose fits begin at the same far starts."""
-    if incumbent is None:
+def _is_rival(search: Search, candidate: Candidate, incumbent: Candidate) -> bool:
+    """Whether a candidate may take an incumbent's place: it is another one, or, of the same name,
+    begins elsewhere; and it is no object in the place of a body, whose depth enough discs imitate.
+    """
+    if candidate.effect.disc and incumbent.name in {c.name for c in search.bodies}:
         return False
     same_starts = search.starts_far(candidate) and candidate.name == incumbent.name
-    return candidate.key == incumbent.key or same_starts
+    return candidate.key != incumbent.key and not same_starts
 
 
 def cached_trials(search: Search, explanation: Explanation) -> list[Explanation] | None:
