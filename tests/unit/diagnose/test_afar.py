@@ -72,6 +72,17 @@ def test_a_body_is_fitted_from_the_nearest_of_its_starts_and_comes_first():
     assert foremost.p_values.keys() == {first.key}
 
 
+def test_a_body_has_no_rival_that_imitates_it():
+    search = search_of(untouched(thickness_mm=None, electrode_height_mm=None))
+    first = {c.name: c for c in reversed(search.candidates)}
+    body, disc, gain = (first[n] for n in ("third-dimension", "conductivity-patch", "drive-gain"))
+    others = [c for c in search.candidates if c.name == body.name and c.key != body.key]
+    assert others and not any(proposals._is_rival(search, c, body) for c in [body, *others, disc])
+    assert proposals._is_rival(search, gain, body)
+    assert proposals._is_rival(search, disc, gain) and proposals._is_rival(search, body, disc)
+    assert not proposals._is_rival(search, disc, disc)
+
+
 def test_where_a_sheet_is_right_no_body_is_worth_its_name():
     search = search_of(untouched(thickness_mm=None, electrode_height_mm=None))
     search, sheet = refits.calibrated(search)

@@ -57,3 +57,38 @@ def test_of_two_that_take_turns_the_likelier_stays(monkeypatch, a, b):
     assert found.effects[0].name == ("contrast" if a > b else "drift")
     # The path ends with the set that stays.
     assert taken[2:] == [None] * (found.effects[0].name != "contrast")
+
+
+@pytest.mark.parametrize(
+    ("alone", "both", "needed", "expected"),
+    [
+        (1.0, 40.0, True, ("body", "one", "another")),
+        (1.0, 40.0, False, None),
+        (1.0, None, True, None),
+        (None, 40.0, True, None),
+    ],
+    ids=["each beside the other", "the second is enough", "nothing beside it", "nothing to try"],
+)
+def test_two_that_hide_each_other_come_together(monkeypatch, alone, both, needed, expected):
+    begin = state(0.0, "body")
+    pair = None if both is None else state(both, "body", "one", "another")
+    for name, function in {
+        "scores": lambda *_: [],
+        "trials": lambda *_: [] if alone is None else [state(alone, "body", "one")],
+        "_add": lambda _search, first: pair if first.key == (("body",), ("one",)) else None,
+        "without": lambda _search, whole, index: state(
+            3.0, *(e.name for i, e in enumerate(whole.effects) if i != index)
+        ),
+        "_ratio_p": lambda *_: 1e-5,
+        "_is_borne_out": lambda _search, _whole, effect, reduced_set, _p: (
+            needed and effect.name not in {e.name for e in reduced_set.effects}
+        ),
+        "_drop": lambda _search, explanation: explanation,
+        "_grow": lambda _search, explanation: explanation,
+        "added_effect": lambda _before, trial: trial.effects[-1],
+    }.items():
+        monkeypatch.setattr(growth, name, function)
+    search = SimpleNamespace(spent=False, journal=Journal())
+    larger = growth._with_two_more(search, begin)
+    assert (None if larger is None else tuple(e.name for e in larger.effects)) == expected
+    assert [step["effect"] for step in search.journal.steps] == ["one"] * (expected is not None)
