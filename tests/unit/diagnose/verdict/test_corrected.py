@@ -9,6 +9,7 @@ import yaml
 
 from eitskin.configuration import validate
 from eitskin.data import recording
+from eitskin.data.subset import of_frames
 from eitskin.diagnose.fitting.candidates import Candidate
 from eitskin.diagnose.fitting.fit import fit
 from eitskin.diagnose.fitting.jacobian import Jacobian
@@ -123,6 +124,19 @@ def test_what_the_owner_did_not_know_is_filled_in(tmp_path):
     filled = accepted(text, tmp_path)["twin"]["skin"]
     assert None not in filled.values() and len(filled["electrode_deg"]) == 8
     assert "times as much is the recording's unit" in text
+
+
+@pytest.mark.parametrize("radius_mm", [None, SKIN.radius_mm])
+def test_a_skin_of_unknown_size_says_that_its_radius_stands_for_any(radius_mm, tmp_path):
+    every = small_recording(places=2)
+    recorded = of_frames(every, ~every.frames["touch"].to_numpy(bool))
+    lengths = ("thickness_mm", "electrode_width_mm", "contact_impedivity_ohm_m2")
+    skin = recorded.metadata["skin"] | dict.fromkeys(lengths) | {"radius_mm": radius_mm}
+    recorded.metadata = recorded.metadata | {"skin": skin}
+    problem, _ = problem_of(recorded)
+    text = corrected.yaml_text(calibrated(problem), recorded, problem.whitening.sd, "skin")
+    accepted(text, tmp_path)
+    assert ("shares of radius_mm" in text) is (radius_mm is None)
 
 
 def test_ohms_are_volts_at_one_ampere(tmp_path):

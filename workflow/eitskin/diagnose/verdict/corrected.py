@@ -8,6 +8,7 @@ import pandas as pd
 import yaml
 
 from eitskin.data.recording import Recording
+from eitskin.diagnose.fitting.estimates import length_scale
 from eitskin.diagnose.fitting.fit import Fit
 from eitskin.effects.settings import site_counts
 from eitskin.errors import InputError, printable
@@ -102,6 +103,8 @@ def yaml_text(fit: Fit, recording: Recording, noise_sd: np.ndarray, name: str) -
     elif model.unit == "arbitrary":
         factor = model.calibration_values(fit.theta[: len(model.calibrations)])["factor"]
         comments.append(f"Readings are volts; {factor!r} times as much is the recording's unit.")
+    if length_scale(fit):
+        comments.append("No length of the skin is known: those in mm are shares of radius_mm.")
     if model.sink_grounded:
         comments.append("The source is simulated as floating; the recording's sink is grounded.")
     lines = "".join(f"# {printable(line)}\n" for line in comments)
