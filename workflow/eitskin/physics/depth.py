@@ -271,8 +271,8 @@ def _rung_below(length: float) -> float:
 class Interaction(NamedTuple):
     """Power of the modes' currents in a body, contacts aside.
 
-    within (n, F, F): of all modes of one electrode; between (n C, n C): of the coupled modes of
-    different electrodes, 0 within one.
+    within (W, F, F): of all modes of one electrode, of each width that there is; between (n C, n
+    C): of the coupled modes of different electrodes, 0 within one.
     """
 
     within: np.ndarray
@@ -363,7 +363,9 @@ class BodyElectrodes(OnRim):
         )
 
     def _place(self) -> None:
-        """Set the expansion and where it has the electrodes, in radii."""
+        """Set the expansion, and the modes' Fourier coefficients where it has the electrodes:
+        at_centre (`_at_centre`) of each width that there is, of_width (n,): which an electrode
+        has."""
         g = self.geometry
         self.expansion = Expansion(
             self.all_up,
@@ -377,6 +379,8 @@ class BodyElectrodes(OnRim):
             self.quadrature,
         )
         self.depth = self.expansion.depth
+        widths, self.of_width = np.unique(self.sheet.half_width, return_inverse=True)
+        self.at_centre = self._at_centre(widths)
         self.angular = self._angular()
 
     def _choose_orders(self, accuracy: DepthAccuracy, most_across: int, most_up: int) -> None:
@@ -430,14 +434,13 @@ class BodyElectrodes(OnRim):
     def _angular(self) -> np.ndarray:
         """(n across, 2 (n_max + 1)): Fourier coefficients of the coupled modes across, real and
         imaginary, weighted as `_at_centre`'s."""
-        widths, of_width = np.unique(self.sheet.half_width, return_inverse=True)
-        self.at_centre, self.of_width = self._at_centre(widths), of_width
         phi = np.radians(self.geometry.electrode_deg)[:, None, None]
         turn = np.exp(1j * np.arange(self.n_max + 1) * phi)
-        wave = turn * self.at_centre[of_width, : self.across]
+        wave = turn * self.at_centre[self.of_width, : self.across]
         return np.concatenate([wave.real, wave.imag], axis=2).reshape(self.n * self.across, -1)
 
     def _interaction(self) -> Interaction:
+        """The interaction of the electrodes' modes where they are."""
         series = slow_series(self.expansion)
         order, up = self.sheet.order, self.all_up
         products = (self.at_centre[:, :, None].conj() * self.at_centre[:, None]).real
