@@ -28,9 +28,10 @@ def state(log_evidence, *names):
     )
 
 
-def stood(monkeypatch, start, settled):
+def stood(monkeypatch, start, settled, fitted_on=0.0):
     """What `_stand` makes of a state, and the names that took a place. A rival's trial is 3 nats
-    ahead of the effect that stands; what the set has when its fit has settled is `settled`."""
+    ahead of the effect that stands; what the set has when its fit has settled is `settled`;
+    fitted_on: what a set gains that is fitted on."""
 
     def trials(_search, _less, _ranked, effect, best):
         return [state(best + 3.0, name) for name in settled if name != effect.name]
@@ -40,6 +41,9 @@ def stood(monkeypatch, start, settled):
         "scores": lambda _search, _explanation: [],
         "trials": trials,
         "_predicts": lambda *_: True,
+        "_fitted_on": lambda _search, set_: state(
+            set_.log_evidence + fitted_on, *(e.name for e in set_.effects)
+        ),
         "_drop": lambda _search, set_: state(settled[set_.effects[-1].name], set_.effects[-1].name),
         "_grow": lambda _search, explanation: explanation,
     }.items():
@@ -57,6 +61,18 @@ def test_of_two_that_take_turns_the_likelier_stays(monkeypatch, a, b):
     assert found.effects[0].name == ("contrast" if a > b else "drift")
     # The path ends with the set that stays.
     assert taken[2:] == [None] * (found.effects[0].name != "contrast")
+
+
+def test_a_body_takes_no_place_among_the_effects_of_a_set():
+    search = SimpleNamespace(is_body=lambda effect: effect.name == "body")
+    assert growth._number(search, state(0.0, "body", "one", "another")) == 2
+
+
+def test_an_effect_that_reaches_its_rival_when_fitted_on_stays(monkeypatch):
+    found, taken = stood(monkeypatch, state(5.0, "contrast"), {"contrast": 5.0, "drift": 9.0}, 2.5)
+    assert (found.key, found.log_evidence, taken) == ((("contrast",),), 7.5, [])
+    _, taken = stood(monkeypatch, state(5.0, "contrast"), {"contrast": 5.0, "drift": 9.0}, 0.2)
+    assert taken[:1] == ["drift"]
 
 
 @pytest.mark.parametrize(
@@ -88,7 +104,9 @@ def test_two_that_hide_each_other_come_together(monkeypatch, alone, both, needed
         "added_effect": lambda _before, trial: trial.effects[-1],
     }.items():
         monkeypatch.setattr(growth, name, function)
-    search = SimpleNamespace(spent=False, journal=Journal())
+    search = SimpleNamespace(
+        spent=False, journal=Journal(), is_body=lambda effect: effect.name == "body"
+    )
     larger = growth._with_two_more(search, begin)
     assert (None if larger is None else tuple(e.name for e in larger.effects)) == expected
     assert [step["effect"] for step in search.journal.steps] == ["one"] * (expected is not None)

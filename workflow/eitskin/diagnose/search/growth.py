@@ -21,6 +21,7 @@ from eitskin.diagnose.fitting.candidates import (
 from eitskin.diagnose.fitting.family_sizes import standing_out
 from eitskin.diagnose.fitting.fit import fit
 from eitskin.diagnose.fitting.tangents import Tangents
+from eitskin.diagnose.noise.component_sds import SETTLED
 from eitskin.diagnose.search import channels, last_resorts
 from eitskin.diagnose.search.explanation import Explanation, added_effect
 from eitskin.diagnose.search.gates import (
@@ -50,6 +51,7 @@ from eitskin.diagnose.search.proposals import (
     trials,
 )
 from eitskin.diagnose.search.refits import (
+    LEARNING_ROUNDS,
     calibrated,
     each_without,
     explain,
@@ -244,7 +246,7 @@ def _with_objects(search: Search, explanation: Explanation) -> Explanation:
 def _with_two_more(search: Search, explanation: Explanation) -> Explanation | None:
     """An explanation with two more effects, each of which is warranted beside the other, and what
     grows from them; None where there are none."""
-    if search.spent or not EFFECTS_OF_A_SET.admits(len(explanation.effects) + 1):
+    if search.spent or not EFFECTS_OF_A_SET.admits(_number(search, explanation) + 1):
         return None
     alone = trials(search, explanation, scores(search, explanation))
     if not alone:
@@ -323,7 +325,7 @@ def with_another_effect(search: Search, explanation: Explanation) -> Explanation
         return None
     named = named_fit(explanation)
     size = max(named.problem.whitening.size - len(named.theta), 1)
-    if named.chi2 < size or not EFFECTS_OF_A_SET.admits(len(explanation.effects)):
+    if named.chi2 < size or not EFFECTS_OF_A_SET.admits(_number(search, explanation)):
         return None
     return _add(search, explanation)
 
@@ -332,20 +334,26 @@ def _grow(search: Search, explanation: Explanation) -> Explanation:
     """An explanation with effects added until none is warranted, until what comes goes again, or
     until as many as may still come, each as good as the last, could not reach `rival_evidence`."""
     met = set()
-    while EFFECTS_OF_A_SET.admits(len(explanation.effects)) and explanation.key not in met:
+    while EFFECTS_OF_A_SET.admits(_number(search, explanation)) and explanation.key not in met:
         met.add(explanation.key)
         better = _add(search, explanation)
         if better is None:
             break
         gain = better.log_evidence - explanation.log_evidence
         explanation = _drop(search, better)
-        room = EFFECTS_OF_A_SET.threshold - len(explanation.effects)
+        room = EFFECTS_OF_A_SET.threshold - _number(search, explanation)
         lack = search.rival_evidence - explanation.log_evidence - room * gain
         if not CATCH_UP.admits(lack):
             break
-    if not EFFECTS_OF_A_SET.admits(len(explanation.effects)):
-        _refuse_rest(search, EFFECTS_OF_A_SET, len(explanation.effects), explanation)
+    if not EFFECTS_OF_A_SET.admits(_number(search, explanation)):
+        _refuse_rest(search, EFFECTS_OF_A_SET, _number(search, explanation), explanation)
     return explanation
+
+
+def _number(search: Search, explanation: Explanation) -> int:
+    """The number of effects of a set without a body, which says what the skin is, not what is wrong
+    with it."""
+    return sum(not search.is_body(effect) for effect in explanation.effects)
 
 
 def _refuse_rest(search: Search, gate: Gate, value: float, explanation: Explanation) -> None:
@@ -559,9 +567,10 @@ def _stand(search: Search, explanation: Explanation) -> Explanation:
             if is_wiring_fault(effect) or search.spent:
                 continue
             better = _in_place(search, explanation, index)
-            if better is not None:
+            if better.key != explanation.key:
                 explanation = _grow(search, _drop(search, better))
                 break
+            explanation = better
         else:
             return explanation
         stood.append(explanation)
@@ -574,19 +583,18 @@ def _stand(search: Search, explanation: Explanation) -> Explanation:
     return explanation
 
 
-def _in_place(search: Search, explanation: Explanation, index: int) -> Explanation | None:
-    """An explanation with another name in the place of effect `index`; None where the effect
-    stands."""
-    effect = explanation.effects[index]
+def _in_place(search: Search, explanation: Explanation, index: int) -> Explanation:
+    """An explanation with another name in the place of effect `index`, or the same effects where it
+    stands: before it gives way it is fitted on, as its rivals were fitted after it."""
+    effect, is_settled = explanation.effects[index], False
     reduced_set = reduced(search, explanation, index)
     ranked = scores(search, reduced_set)
     for rival in trials(search, reduced_set, ranked, effect, explanation.log_evidence):
         new = added_effect(reduced_set, rival)
-        ahead = (
-            rival.log_evidence
-            - explanation.log_evidence
-            - _further_sites(effect, rival.effects[-1])
-        )
+        ahead = rival.log_evidence - _further_sites(effect, rival.effects[-1])
+        if not is_settled and PLACE.admits(ahead - explanation.log_evidence):
+            explanation, is_settled = _fitted_on(search, explanation), True
+        ahead -= explanation.log_evidence
         if not search.journal.judge(PLACE, ahead, new, reduced_set, effect.name):
             continue
         if _predicts(search, rival, reduced_set, new, effect.name):
@@ -594,7 +602,22 @@ def _in_place(search: Search, explanation: Explanation, index: int) -> Explanati
             rival = rival.with_p_values({**explanation.p_values, new.key: p})
             search.journal.step("swap", new, rival, p)
             return rival
-    return None
+    return explanation
+
+
+def _fitted_on(search: Search, explanation: Explanation) -> Explanation:
+    """An explanation whose fit and sds of the rig's errors follow each other until its evidence
+    rises by less than SETTLED."""
+    for _ in range(LEARNING_ROUNDS):
+        fitted = polished(search, explanation.fit)
+        further = explain(
+            search, fitted, explanation.p_values, explanation.error_sds, explanation.rig
+        )
+        gain = further.log_evidence - explanation.log_evidence
+        explanation = further if gain > 0.0 else explanation
+        if gain < SETTLED:
+            break
+    return explanation
 
 
 def _choices(effect: Candidate) -> int:

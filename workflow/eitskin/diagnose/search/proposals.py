@@ -334,7 +334,7 @@ def _is_rival(search: Search, candidate: Candidate, incumbent: Candidate) -> boo
     """Whether a candidate may take an incumbent's place: it is another one, or, of the same name,
     begins elsewhere; and it is no object in the place of a body, whose depth enough discs imitate.
     """
-    if candidate.effect.disc and incumbent.name in {c.name for c in search.bodies}:
+    if candidate.effect.disc and search.is_body(incumbent):
         return False
     same_starts = search.starts_far(candidate) and candidate.name == incumbent.name
     return candidate.key != incumbent.key and not same_starts
