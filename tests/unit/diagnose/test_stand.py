@@ -65,7 +65,7 @@ def test_of_two_that_take_turns_the_likelier_stays(monkeypatch, a, b):
 
 def test_a_body_takes_no_place_among_the_effects_of_a_set():
     search = SimpleNamespace(is_body=lambda effect: effect.name == "body")
-    assert growth._number(search, state(0.0, "body", "one", "another")) == 2
+    assert growth._effect_count(search, state(0.0, "body", "one", "another")) == 2
 
 
 def test_an_effect_that_reaches_its_rival_when_fitted_on_stays(monkeypatch):
@@ -76,22 +76,29 @@ def test_an_effect_that_reaches_its_rival_when_fitted_on_stays(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("alone", "both", "needed", "expected"),
+    ("single", "together", "needed", "expected"),
     [
         (1.0, 40.0, True, ("body", "one", "another")),
         (1.0, 40.0, False, None),
+        (-8.0, -4.0, True, None),
         (1.0, None, True, None),
         (None, 40.0, True, None),
     ],
-    ids=["each beside the other", "the second is enough", "nothing beside it", "nothing to try"],
+    ids=[
+        "each beside the other",
+        "the second is enough",
+        "together less than none",
+        "nothing beside it",
+        "nothing to try",
+    ],
 )
-def test_two_that_hide_each_other_come_together(monkeypatch, alone, both, needed, expected):
+def test_two_that_hide_each_other_come_together(monkeypatch, single, together, needed, expected):
     begin = state(0.0, "body")
-    pair = None if both is None else state(both, "body", "one", "another")
+    pair = None if together is None else state(together, "body", "one", "another")
     for name, function in {
         "scores": lambda *_: [],
-        "trials": lambda *_: [] if alone is None else [state(alone, "body", "one")],
-        "_add": lambda _search, first: pair if first.key == (("body",), ("one",)) else None,
+        "trials": lambda *_: [] if single is None else [state(single, "body", "one")],
+        "_warranted": lambda _search, first: pair if first.key == (("body",), ("one",)) else None,
         "without": lambda _search, whole, index: state(
             3.0, *(e.name for i, e in enumerate(whole.effects) if i != index)
         ),
@@ -107,6 +114,7 @@ def test_two_that_hide_each_other_come_together(monkeypatch, alone, both, needed
     search = SimpleNamespace(
         spent=False, journal=Journal(), is_body=lambda effect: effect.name == "body"
     )
-    larger = growth._with_two_more(search, begin)
-    assert (None if larger is None else tuple(e.name for e in larger.effects)) == expected
-    assert [step["effect"] for step in search.journal.steps] == ["one"] * (expected is not None)
+    grown_set = growth._with_two_more(search, begin)
+    assert (None if grown_set is None else tuple(e.name for e in grown_set.effects)) == expected
+    steps = [(step["effect"], step["log_evidence"]) for step in search.journal.steps]
+    assert steps == ([("one", single), ("another", together)] if expected else [])

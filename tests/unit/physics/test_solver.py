@@ -80,7 +80,8 @@ def test_a_body_counts_for_many_sheets_and_the_larger_for_more():
 def test_a_body_that_shares_its_expansion_counts_for_less():
     whole = forward_model(BODY, "diagnose")
     shared = forward_model(BODY.with_values(contact_impedivity_ohm_m2=CONTACTS), "diagnose", whole)
-    assert 1.0 < shared.effort < 0.8 * whole.effort
+    assert 2.0 < whole.effort < 10.0
+    assert shared.effort < 0.8 * whole.effort
 
 
 def test_what_may_be_solved_ends_and_the_limit_with_it():

@@ -82,7 +82,8 @@ class DepthAccuracy:
 
     Measured on 14 random bodies with 16 electrodes against 18 x 18 modes: voltages away from the
     drive to 2e-3 ("train") and 1e-5 ("diagnose") of the median one, in the median to 1e-5 and 3e-7.
-    A touch's change, 5 to 18 mm off the rim, against boundary integrals: to 2e-3 and 1e-4 of it.
+    A touch's change, 5 to 18 mm off the rim, against boundary integrals: to 2e-3 and 1e-4 of it;
+    beside electrodes wider than the touch is off the rim, coupled modes add as much once more.
     """
 
     height_order: int
@@ -327,22 +328,22 @@ class BodyElectrodes(OnRim):
         """(n, order, order): power of each electrode's coupled modes within it, with its contact's
         sigma depth z_l int (P_i P_j)^2 / 16 / (dA/dt ds) over the face."""
         contacts = np.column_stack([self.sheet.half_width, self.geometry.contact_length_mm])
-        _, first, alike = np.unique(contacts, axis=0, return_index=True, return_inverse=True)
-        across = self.sheet.contact_blocks()[first]
+        _, sample, kind = np.unique(contacts, axis=0, return_index=True, return_inverse=True)
+        across = self.sheet.contact_blocks()[sample]
         share = self.geometry.thickness_mm / self.heights.height_mm
         up = np.diag(share / (2.0 * np.arange(self.all_up) + 1.0))
         drop = (across[:, :, None, :, None] * up[:, None]).reshape(-1, self.modes, self.modes)
-        power = self.interaction.within[self.of_width[first]] + drop
+        power = self.interaction.within[self.of_width[sample]] + drop
         number = np.arange(self.modes).reshape(self.sheet.order, self.all_up)
         coupled = number[: self.across, : self.up].ravel()
-        rest = np.setdiff1d(number, coupled)
+        inner = np.setdiff1d(number, coupled)
         try:
-            factor = np.linalg.cholesky(power[:, rest[:, None], rest])
+            factor = np.linalg.cholesky(power[:, inner[:, None], inner])
         except np.linalg.LinAlgError:
             raise contacts_too_good(self.geometry) from None
-        half = np.linalg.solve(factor, power[:, rest[:, None], coupled])
-        condensed = power[:, coupled[:, None], coupled] - half.mT @ half
-        return condensed[alike.ravel()]
+        root = np.linalg.solve(factor, power[:, inner[:, None], coupled])
+        condensed = power[:, coupled[:, None], coupled] - root.mT @ root
+        return condensed[kind.ravel()]
 
     def on_body(self, sheet: Electrodes, heights: Span) -> "BodyElectrodes":
         """The same expansion on a slightly different body. Parts that agree are shared, and
@@ -364,8 +365,8 @@ class BodyElectrodes(OnRim):
 
     def _place(self) -> None:
         """Set the expansion, and the modes' Fourier coefficients where it has the electrodes:
-        at_centre (`_at_centre`) of each width that there is, of_width (n,): which an electrode
-        has."""
+        widths (W,): the half widths that there are, of_width (n,): which an electrode has,
+        at_centre: `_at_centre`."""
         g = self.geometry
         self.expansion = Expansion(
             self.all_up,
@@ -379,8 +380,8 @@ class BodyElectrodes(OnRim):
             self.quadrature,
         )
         self.depth = self.expansion.depth
-        widths, self.of_width = np.unique(self.sheet.half_width, return_inverse=True)
-        self.at_centre = self._at_centre(widths)
+        self.widths, self.of_width = np.unique(self.sheet.half_width, return_inverse=True)
+        self.at_centre = self._at_centre()
         self.angular = self._angular()
 
     def _choose_orders(self, accuracy: DepthAccuracy, most_across: int, most_up: int) -> None:
@@ -420,13 +421,13 @@ class BodyElectrodes(OnRim):
         nearest = np.exp(1j * (phi + np.clip(turn, -half, half)))
         return float(np.abs(nearest - place).min())
 
-    def _at_centre(self, half_width: np.ndarray) -> np.ndarray:
-        """(W, modes across, n_max + 1): Fourier coefficients of the modes across electrodes of half
-        widths (W,) at the angle 0, weighted by the root of the series' 1 / pi (1 / 2 pi for n =
+    def _at_centre(self) -> np.ndarray:
+        """(W, modes across, n_max + 1): Fourier coefficients of the modes across an electrode of
+        each width at the angle 0, weighted by the root of the series' 1 / pi (1 / 2 pi for n =
         0)."""
         n = np.arange(self.n_max + 1)
         degree = np.arange(self.sheet.order)[:, None]
-        bessel = spherical_jn(degree, n * half_width[:, None, None])
+        bessel = spherical_jn(degree, n * self.widths[:, None, None])
         wave = 1j**degree * bessel / np.sqrt(np.pi)
         wave[:, :, 0] /= np.sqrt(2.0)
         return wave
@@ -446,8 +447,7 @@ class BodyElectrodes(OnRim):
         products = (self.at_centre[:, :, None].conj() * self.at_centre[:, None]).real
         within = products.reshape(-1, len(series)) @ series.reshape(len(series), -1)
         within = within.reshape(-1, order, order, up, up).transpose(0, 1, 3, 2, 4)
-        widths = np.unique(self.sheet.half_width)
-        within = within + np.array([near_half(self.expansion, order, w) for w in widths])
+        within = within + np.array([near_half(self.expansion, order, w) for w in self.widths])
         shape = (self.n, self.across, self.up, self.n, self.across, self.up)
         between = np.empty(shape)
         for i in range(self.up):

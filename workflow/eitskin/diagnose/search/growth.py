@@ -236,35 +236,36 @@ def _with_objects(search: Search, explanation: Explanation) -> Explanation:
         search, candidates=objects, cache=search.cache.branch(), has_body=search.tries_bodies
     )
     grown_set = _grow(branch, explanation)
-    while (larger := _with_two_more(branch, grown_set)) is not None:
-        grown_set = larger
+    while (with_pair := _with_two_more(branch, grown_set)) is not None:
+        grown_set = with_pair
     search.cache.adopt(branch.cache)
     search.cache.trials.clear()  # of objects alone
     return grown_set
 
 
 def _with_two_more(search: Search, explanation: Explanation) -> Explanation | None:
-    """An explanation with two more effects, each of which is warranted beside the other, and what
-    grows from them; None where there are none."""
-    if search.spent or not EFFECTS_OF_A_SET.admits(_number(search, explanation) + 1):
+    """An explanation with two more effects, together likelier than none and each warranted beside
+    the other, and what grows from them; None where there are none."""
+    if search.spent or not EFFECTS_OF_A_SET.admits(_effect_count(search, explanation) + 1):
         return None
-    alone = trials(search, explanation, scores(search, explanation))
-    if not alone:
+    ranked = trials(search, explanation, scores(search, explanation))
+    pair = _warranted(search, ranked[0]) if ranked else None
+    if pair is None:
         return None
-    both = _add(search, alone[0])
-    if both is None:
+    first, second = added_effect(explanation, ranked[0]), added_effect(ranked[0], pair)
+    index = next((i for i, effect in enumerate(pair.effects) if effect.key == first.key), None)
+    raised = pair.log_evidence - explanation.log_evidence
+    if index is None or not search.journal.judge(EVIDENCE, raised, first, explanation):
         return None
-    new = added_effect(explanation, alone[0])
-    index = next((i for i, effect in enumerate(both.effects) if effect.key == new.key), None)
-    if index is None:
+    reduced_set = without(search, pair, index)
+    p_value = _ratio_p(search, pair, first, reduced_set)
+    if not _is_borne_out(search, pair, first, reduced_set, p_value):
         return None
-    reduced_set = without(search, both, index)
-    p_value = _ratio_p(search, both, new, reduced_set)
-    if not _is_borne_out(search, both, new, reduced_set, p_value):
-        return None
-    both = both.with_p_values({**both.p_values, new.key: p_value})
-    search.journal.step("add", new, both, p_value)
-    return _grow(search, _drop(search, both))
+    search.journal.step("add", first, ranked[0], p_value)
+    search.journal.step("add", second, pair, pair.p_values[second.key])
+    pair = pair.with_p_values({**pair.p_values, first.key: p_value})
+    grown_set = _grow(search, _drop(search, pair))
+    return grown_set if grown_set.log_evidence > explanation.log_evidence else None
 
 
 def _rival(
@@ -320,12 +321,12 @@ def _with_free_channels(search: Search, explanation: Explanation) -> Explanation
 def with_another_effect(search: Search, explanation: Explanation) -> Explanation | None:
     """An explanation with one more effect beside its families, which are fitted by now; None where
     none is warranted, where what is left is no more than noise, and beside a body, of which a trial
-    costs minutes."""
+    takes many times as long."""
     if any(search.starts_far(effect) for effect in explanation.effects):
         return None
     named = named_fit(explanation)
     size = max(named.problem.whitening.size - len(named.theta), 1)
-    if named.chi2 < size or not EFFECTS_OF_A_SET.admits(_number(search, explanation)):
+    if named.chi2 < size or not EFFECTS_OF_A_SET.admits(_effect_count(search, explanation)):
         return None
     return _add(search, explanation)
 
@@ -334,23 +335,25 @@ def _grow(search: Search, explanation: Explanation) -> Explanation:
     """An explanation with effects added until none is warranted, until what comes goes again, or
     until as many as may still come, each as good as the last, could not reach `rival_evidence`."""
     met = set()
-    while EFFECTS_OF_A_SET.admits(_number(search, explanation)) and explanation.key not in met:
+    while (
+        EFFECTS_OF_A_SET.admits(_effect_count(search, explanation)) and explanation.key not in met
+    ):
         met.add(explanation.key)
         better = _add(search, explanation)
         if better is None:
             break
         gain = better.log_evidence - explanation.log_evidence
         explanation = _drop(search, better)
-        room = EFFECTS_OF_A_SET.threshold - _number(search, explanation)
+        room = EFFECTS_OF_A_SET.threshold - _effect_count(search, explanation)
         lack = search.rival_evidence - explanation.log_evidence - room * gain
         if not CATCH_UP.admits(lack):
             break
-    if not EFFECTS_OF_A_SET.admits(_number(search, explanation)):
-        _refuse_rest(search, EFFECTS_OF_A_SET, _number(search, explanation), explanation)
+    if not EFFECTS_OF_A_SET.admits(_effect_count(search, explanation)):
+        _refuse_rest(search, EFFECTS_OF_A_SET, _effect_count(search, explanation), explanation)
     return explanation
 
 
-def _number(search: Search, explanation: Explanation) -> int:
+def _effect_count(search: Search, explanation: Explanation) -> int:
     """The number of effects of a set without a body, which says what the skin is, not what is wrong
     with it."""
     return sum(not search.is_body(effect) for effect in explanation.effects)
@@ -412,7 +415,16 @@ def _with_gross_fault(
 
 
 def _add(search: Search, explanation: Explanation) -> Explanation | None:
-    """An explanation with one more effect, None where none is warranted."""
+    """An explanation with one more effect, None where none is warranted; the step is recorded."""
+    trial = _warranted(search, explanation)
+    if trial is not None:
+        new = added_effect(explanation, trial)
+        search.journal.step("add", new, trial, trial.p_values[new.key])
+    return trial
+
+
+def _warranted(search: Search, explanation: Explanation) -> Explanation | None:
+    """The best trial with one more effect that is warranted, None where none is."""
     ranked = scores(search, explanation)
     if not ranked:
         return None
@@ -433,9 +445,7 @@ def _add(search: Search, explanation: Explanation) -> Explanation | None:
         if not search.journal.judge(CHANCE, p, new, explanation):
             continue
         if _predicts(search, trial, explanation, new) and _is_needed(search, trial, new):
-            trial = trial.with_p_values({**explanation.p_values, new.key: p})
-            search.journal.step("add", new, trial, p)
-            return trial
+            return trial.with_p_values({**explanation.p_values, new.key: p})
     return None
 
 
@@ -566,11 +576,11 @@ def _stand(search: Search, explanation: Explanation) -> Explanation:
         for index, effect in enumerate(explanation.effects):
             if is_wiring_fault(effect) or search.spent:
                 continue
-            better = _in_place(search, explanation, index)
-            if better.key != explanation.key:
-                explanation = _grow(search, _drop(search, better))
+            explanation, rival = _in_place(search, explanation, index)
+            stood[-1] = explanation
+            if rival is not None:
+                explanation = _grow(search, _drop(search, rival))
                 break
-            explanation = better
         else:
             return explanation
         stood.append(explanation)
@@ -583,9 +593,11 @@ def _stand(search: Search, explanation: Explanation) -> Explanation:
     return explanation
 
 
-def _in_place(search: Search, explanation: Explanation, index: int) -> Explanation:
-    """An explanation with another name in the place of effect `index`, or the same effects where it
-    stands: before it gives way it is fitted on, as its rivals were fitted after it."""
+def _in_place(
+    search: Search, explanation: Explanation, index: int
+) -> tuple[Explanation, Explanation | None]:
+    """An explanation, fitted on before effect `index` gives way, as its rivals were fitted after
+    it; and with another name in the effect's place, None where it stands."""
     effect, is_settled = explanation.effects[index], False
     reduced_set = reduced(search, explanation, index)
     ranked = scores(search, reduced_set)
@@ -601,8 +613,8 @@ def _in_place(search: Search, explanation: Explanation, index: int) -> Explanati
             p = rival.p_values[new.key]
             rival = rival.with_p_values({**explanation.p_values, new.key: p})
             search.journal.step("swap", new, rival, p)
-            return rival
-    return explanation
+            return explanation, rival
+    return explanation, None
 
 
 def _fitted_on(search: Search, explanation: Explanation) -> Explanation:
@@ -610,11 +622,11 @@ def _fitted_on(search: Search, explanation: Explanation) -> Explanation:
     rises by less than SETTLED."""
     for _ in range(LEARNING_ROUNDS):
         fitted = polished(search, explanation.fit)
-        further = explain(
+        refitted = explain(
             search, fitted, explanation.p_values, explanation.error_sds, explanation.rig
         )
-        gain = further.log_evidence - explanation.log_evidence
-        explanation = further if gain > 0.0 else explanation
+        gain = refitted.log_evidence - explanation.log_evidence
+        explanation = refitted if gain > 0.0 else explanation
         if gain < SETTLED:
             break
     return explanation

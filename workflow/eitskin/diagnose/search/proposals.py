@@ -284,7 +284,9 @@ def trials(
     """
     fitted = cached_trials(search, explanation)
     if fitted is not None:
-        return fitted
+        news = [added_effect(explanation, trial) for trial in fitted]
+        pairs = zip(fitted, news, strict=True)
+        return [t for t, new in pairs if incumbent is None or _is_rival(search, new, incumbent)]
     search.journal.begin_round()
     hopeful = _hopeful_names(search, explanation, ranked) if ranked else {}
     listed = shortlist(search.journal, explanation, ranked, hopeful)
@@ -331,13 +333,13 @@ def trials(
 
 
 def _is_rival(search: Search, candidate: Candidate, incumbent: Candidate) -> bool:
-    """Whether a candidate may take an incumbent's place: it is another one, or, of the same name,
-    begins elsewhere; and it is no object in the place of a body, whose depth enough discs imitate.
-    """
+    """Whether a candidate may take an incumbent's place: it is another one; not of the same name
+    where no tangent leads to it, as `from_far` tries all starts of a name; and no object in the
+    place of a body, whose depth enough discs imitate."""
     if candidate.effect.disc and search.is_body(incumbent):
         return False
-    same_starts = search.starts_far(candidate) and candidate.name == incumbent.name
-    return candidate.key != incumbent.key and not same_starts
+    is_same_fit = search.starts_far(candidate) and candidate.name == incumbent.name
+    return candidate.key != incumbent.key and not is_same_fit
 
 
 def cached_trials(search: Search, explanation: Explanation) -> list[Explanation] | None:

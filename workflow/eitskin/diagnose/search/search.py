@@ -121,12 +121,16 @@ class Search:
     @property
     def bodies(self) -> list[Candidate]:
         """The candidates that make a body of the sheet."""
-        return [c for c in self.candidates if self.is_body(c)]
+        sheet = self._sheet
+        return [c for c in self.candidates if c.effect.largest_body(sheet) is not None]
 
     def is_body(self, candidate: Candidate) -> bool:
         """Whether a candidate makes a body of the sheet."""
-        sheet = Geometry.from_skin(self.problem.model.nominal_skin)
-        return candidate.effect.largest_body(sheet) is not None
+        return candidate.effect.largest_body(self._sheet) is not None
+
+    @property
+    def _sheet(self) -> Geometry:
+        return Geometry.from_skin(self.problem.model.nominal_skin)
 
     def starts_far(self, candidate: Candidate) -> bool:
         """Whether no tangent leads to a candidate, so that its fits begin at `far_starts`."""
