@@ -19,10 +19,12 @@ from eitskin.learn.models import PHYSICS_INFORMED
 from eitskin.paper.table_1 import paper as printed_by_the_paper
 from eitskin.quantities import MINUS
 from manual.rows import DOCS, ROOT, bench, claim, page_table, paper, summary, trials
+from proof.blocks import sort_of
 from proof.dense import scores
 from proof.intervals import share
 from proof.markdown import is_share, number, table
 from proof.queries import KINDS as QUERY_KINDS
+from proof.score import SCORED
 from witness.owned import KINDS as OWNER_KINDS
 
 PASSAGE = re.compile(
@@ -82,6 +84,25 @@ def calibration(block: str) -> Iterable[str]:
                 for kind in dict.fromkeys(by_kind["of"])
             ],
         )
+
+
+def beside(blocks: str) -> Iterable[str]:
+    """All lines that count any recording of two blocks, of which the second has a part of the
+    first's recordings: what either measured on that part."""
+    whole_block, part_block = blocks.split()
+    part = trials(part_block)
+    keys = {(row["kind"], row["seed"]) for row in part}
+    whole = [row for row in trials(whole_block) if (row["kind"], row["seed"]) in keys]
+    score = SCORED[sort_of(whole_block)]
+    pairs = zip(
+        *(score(rows)[0]["summary"].to_dict("records") for rows in (whole, part)), strict=True
+    )
+    cells = [
+        (earlier["of"], earlier["what"], _measured(earlier), _measured(later), earlier["wanted"])
+        for earlier, later in pairs
+        if earlier["n"] or later["n"]
+    ]
+    yield from table(("recordings", "what", "earlier", "later", "wanted"), cells)
 
 
 def dense(first_seed: str) -> Iterable[str]:
@@ -525,6 +546,7 @@ PASSAGES: dict[str, Callable[..., Iterable[str]]] = {
     for passage in (
         *(
             calibration,
+            beside,
             dense,
             often,
             compared,
