@@ -40,7 +40,7 @@ from eitskin.physics.touch_cache import ContactCoupling, Place, TouchCoupling
 
 MOST_TERMS = 10_000_000  # of the double series: 80 MB an array
 LADDER = 1.1  # of lengths that the expansion follows in steps: bodies that differ little share it
-SHARED_SERIES, SHARED_HALVES = 4, 64  # kept, of a few megabytes each at most
+SHARED_SERIES, SHARED_HALVES = 4, 64  # kept, of a few megabytes each; with good contacts of eight
 WORST_COUPLING = 5.0  # error of a body's voltages where only the whole currents were coupled
 SHEET_OPERATIONS = 1e8  # of a body, in the time that solves a sheet of a known outline
 LEAST_OPERATIONS, EXPANSION_OPERATIONS = 1e8, 1e8  # of the smallest body, of its expansion
