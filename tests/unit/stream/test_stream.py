@@ -382,7 +382,7 @@ def test_lost_frames_leave_a_gap_and_nothing_else(board):
     board(lambda board, number, line_V, line: b"" if 14 <= number < 20 else line)
     lines = streamed(lambda lines: len(lines) >= 28)
     left_out = sum(line.get("left_out", 0) for line in lines)  # on a busy machine
-    assert kinds(lines[:19]).count("no touch") >= 8 - left_out  # its first line may be lost
+    assert kinds(lines[:19]).count("no touch") >= 9 - left_out
     assert kinds(lines[19:]).count("touch") >= 8 - left_out
 
 
