@@ -496,9 +496,8 @@ def _ratio_p(
 ) -> float:
     """The global p-value of an effect of an explanation, by its likelihood ratio to the set
     without."""
-    gain = max(2.0 * (explanation.log_likelihood - reduced_set.log_likelihood), 0.0)
-    ratio = Score(effect, gain, max(effect.size, 1), 0.0, _choices(effect))
-    return global_p(search, ratio.p_value)
+    look = Score(effect, 0.0, max(effect.size, 1), 0.0, _choices(effect))
+    return ratio_p_value(search, look, reduced_set, explanation)
 
 
 def _is_borne_out(
