@@ -18,13 +18,11 @@ from eitskin.learn.metrics import interval
 from eitskin.learn.models import PHYSICS_INFORMED
 from eitskin.paper.table_1 import paper as printed_by_the_paper
 from eitskin.quantities import MINUS
-from manual.rows import DOCS, ROOT, bench, claim, page_table, paper, summary, trials
-from proof.blocks import sort_of
+from manual.rows import DOCS, ROOT, bench, claim, page_table, paper, summary, summary_of, trials
 from proof.dense import scores
 from proof.intervals import share
 from proof.markdown import is_share, number, table
 from proof.queries import KINDS as QUERY_KINDS
-from proof.score import SCORED
 from witness.owned import KINDS as OWNER_KINDS
 
 PASSAGE = re.compile(
@@ -93,10 +91,8 @@ def beside(blocks: str) -> Iterable[str]:
     part = trials(part_block)
     keys = {(row["kind"], row["seed"]) for row in part}
     whole = [row for row in trials(whole_block) if (row["kind"], row["seed"]) in keys]
-    score = SCORED[sort_of(whole_block)]
-    pairs = zip(
-        *(score(rows)[0]["summary"].to_dict("records") for rows in (whole, part)), strict=True
-    )
+    lines = summary_of(whole_block, whole), summary(part_block)
+    pairs = zip(*(table_lines.to_dict("records") for table_lines in lines), strict=True)
     cells = [
         (earlier["of"], earlier["what"], _measured(earlier), _measured(later), earlier["wanted"])
         for earlier, later in pairs

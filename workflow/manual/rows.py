@@ -31,7 +31,12 @@ def trials(block: str) -> Rows:
 @cache
 def summary(block: str) -> pd.DataFrame:
     """The lines (`claims.SUMMARY`) of a block's score."""
-    tables, _ = SCORED[sort_of(block)](trials(block))
+    return summary_of(block, trials(block))
+
+
+def summary_of(block: str, rows: Rows) -> pd.DataFrame:
+    """The lines of the score of some rows of a block."""
+    tables, _ = SCORED[sort_of(block)](rows)
     return tables["summary"]
 
 
